@@ -25,7 +25,7 @@ class Link(Protocol):
     def begin(self, descriptions: Sequence[PartDescription]) -> Worker:
         """Make one worker of each description, and return the worker of this process."""
 
-    def each(self, name: str, arguments: Sequence[tuple]) -> list:
+    def call_each(self, name: str, arguments: Sequence[tuple]) -> list:
         """What the function `name` of each worker returns for its own arguments."""
 
 
@@ -61,31 +61,42 @@ class Crew:
 
     def call(self, name: str, *arguments: Any) -> list:
         """What the function `name` of each worker returns for the same arguments."""
-        return self.each(name, lambda part: arguments)
+        return self.call_each(name, lambda part: arguments)
 
-    def each(self, name: str, arguments: Callable[[Part], tuple]) -> list:
+    def call_each(self, name: str, arguments: Callable[[Part], tuple]) -> list:
         """What the function `name` of each worker returns for the arguments of its part."""
         if self.forgotten:
             keys = tuple(self.forgotten)
             self.forgotten.clear()
-            self.link.each("forget", [(keys,)] * len(self.parts))
-        return self.link.each(name, [arguments(part) for part in self.parts])
+            self.link.call_each("forget", [(keys,)] * len(self.parts))
+        return self.link.call_each(name, [arguments(part) for part in self.parts])
 
     def ask(self, key: Any, name: str, *arguments: Any) -> Any:
-        """What an ability of a term, one of `ABILITIES`, returns for the whole cloth."""
+        """What the ability `name`, one of `ABILITIES`, of a term returns for the whole cloth.
+
+        The first arguments are positions and velocities, which the workers keep; each worker
+        gets its part of the others.
+        """
         ability = ABILITIES[name]
         self.place(*arguments[: ability.placed])
-        others = arguments[ability.placed :]
-        shares = self.each("ask", lambda part: (key, name, cut(others, part.nodes)))
+        other_arguments = arguments[ability.placed :]
+
+        def arguments_of(part: Part) -> tuple:
+            return key, name, cut(other_arguments, part.nodes)
+
+        shares = self.call_each("ask", arguments_of)
         return ability.gather(self.parts, shares)
 
     def place(self, x: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
-        """Give each worker positions, and velocities, where they are not what it has."""
+        """Give each worker positions x and velocities v (n, 3), if they have changed.
+
+        The workers keep those of the last call; None leaves them as they are.
+        """
         for name, y in (("x", x), ("v", v)):
             if y is None or np.array_equal(self.placed.get(name, np.empty(0)), y):
                 continue
             self.placed[name] = y.copy()
-            self.link.each("place", [(name, y[part.nodes]) for part in self.parts])
+            self.link.call_each("place", [(name, y[part.nodes]) for part in self.parts])
 
     def gather(self, rows: Sequence[np.ndarray], out: np.ndarray) -> np.ndarray:
         """out += the rows of the nodes that each worker owns, in place."""
@@ -111,9 +122,11 @@ _new_keys = count()
 
 
 class RemoteTerm(BoundTerm):
-    """A bound term of the whole cloth.
+    """A bound term of the whole cloth, whose functions ask all processes.
 
-    The processes know it by its `key`; each has its part, this one has `local`.
+    The processes know it by its `key`. Each has the term on its part of the cloth; the one of
+    this process is `local`. Raises `InputError` for a term with a function of its own that
+    several processes do not offer.
     """
 
     def __init__(self, crew: Crew, key: Any, local: BoundTerm):
@@ -123,6 +136,7 @@ class RemoteTerm(BoundTerm):
         for name, value in vars(BoundTerm).items():
             if not isinstance(value, FunctionType) or name in OFFERED | NOT_NEEDED:
                 continue
+            # A term without a function of its own has the one of `BoundTerm`, and so has this.
             if has_own(local, name):
                 allowed = "is not offered by several processes"
                 raise InputError(f"{name} of {local.name}", allowed, "mpiexec", "Run on one.")
@@ -168,7 +182,7 @@ class RemoteTerm(BoundTerm):
         """What a function of the term gives for the share of each part, kept until forgotten."""
         crew = self.crew
         new = ("step", next(_new_keys))
-        crew.each(name, lambda part: (self.key, new, share(part)))
+        crew.call_each(name, lambda part: (self.key, new, share(part)))
         term = RemoteTerm(crew, new, crew.here.terms[new])
         weakref.finalize(term, crew.forgotten.append, new)
         return term

@@ -41,7 +41,11 @@ class DistributedSolver:
     Attributes
     ----------
     first, last
-        Iterations of the first solve with the present preconditioner, and of the last solve.
+        Iterations of the first solve with the present preconditioner, and of the last solve;
+        `first` is 0 before that first solve.
+    numbers
+        (n,) the row of the matrix of each node. The rows of the nodes that a process owns
+        follow one another, as PETSc requires.
     spoiled
         Whether the preconditioner was of a matrix that failed.
     """
@@ -57,13 +61,12 @@ class DistributedSolver:
         self.seconds_factor = 0.0
         self.first = 0
         self.last = 0
-        numbers = np.empty(nodes, np.int32)
-        at = 0
+        self.numbers = np.empty(nodes, np.int32)
+        first_row = 0
         for part in crew.parts:
-            own = int(part.is_own.sum())
-            numbers[part.own_nodes] = np.arange(at, at + own)
-            at += own
-        self.numbers = numbers
+            count = int(part.is_own.sum())
+            self.numbers[part.own_nodes] = np.arange(first_row, first_row + count)
+            first_row += count
         self._create()
 
     def _create(self) -> None:
@@ -74,7 +77,7 @@ class DistributedSolver:
         def arguments(part: partition.Part) -> tuple:
             return self.kind, self.symmetric, owned, self.numbers[part.nodes]
 
-        crew.each("create_solver", arguments)
+        crew.call_each("create_solver", arguments)
         self.first = 0
         self.spoiled = False
 
@@ -96,7 +99,7 @@ class DistributedSolver:
     def prepare(self, A: BlockMatrix) -> None:
         """Take the matrix that the processes hold; A is what one process knows of it."""
         if self.choice == "auto" and self.kind != "GAMG" and self.last > MOST_JACOBI_ITERATIONS:
-            self._change()
+            self._take_gamg()
         is_worn = self.last > WORN_HIERARCHY * self.first
         self._prepare(anew=self.first == 0 or is_worn)
         self.prepared += 1
@@ -106,11 +109,11 @@ class DistributedSolver:
         begin = time.perf_counter()
         if self.spoiled:  # it would keep what it has found out about an indefinite matrix
             self._create()
-        self.crew.each("prepare", lambda part: (self.x[part.own_nodes], anew))
+        self.crew.call_each("prepare", lambda part: (self.x[part.own_nodes], anew))
         self.first = 0 if anew else self.first
         self.seconds_factor = time.perf_counter() - begin
 
-    def _change(self) -> None:
+    def _take_gamg(self) -> None:
         """Take GAMG from now on."""
         self.kind = "GAMG"
         self._create()
@@ -118,41 +121,51 @@ class DistributedSolver:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """The solution of A x = b (n, 3) to the relative residual `rtol`."""
+        """The solution x (n, 3) of A x = b to the relative residual `rtol`, and its `SolveInfo`.
+
+        A solve that fails is repeated once with a new preconditioner, if that may help: if it
+        had an old hierarchy of GAMG, or if "auto" can go over to GAMG. Raise `SolveFailed` if
+        it still fails, and `IndefiniteMatrix` where the matrix is not positive definite.
+        """
         b = np.ascontiguousarray(b, dtype=float)
         if not b.any():
             return np.zeros_like(b), SolveInfo(self.name, 0, 0.0, self.seconds_factor, 0.0)
         begin = time.perf_counter()
-        is_kept = self.first > 0
+        has_solved_before = self.first > 0  # with the present preconditioner
         try:
             shares = self._solve(b, rtol, guess)
         except SolveFailed as failure:
-            if is_kept and type(failure) is IndefiniteMatrix:  # found by a sound preconditioner
+            # A preconditioner that has solved before is sound, so the matrix is indefinite. A
+            # `SpoiledPreconditioner`, also an `IndefiniteMatrix`, tells nothing of the matrix.
+            if has_solved_before and type(failure) is IndefiniteMatrix:
                 raise
             self.first = 0
             self.spoiled = True
-            slow = isinstance(failure, TooManyIterations) and self.kind == "block Jacobi"
-            if slow and self.choice == "auto":
-                self._change()
-            elif not (is_kept and self.kind == "GAMG"):
+            is_slow = isinstance(failure, TooManyIterations) and self.kind == "block Jacobi"
+            if is_slow and self.choice == "auto":
+                self._take_gamg()
+            elif not (has_solved_before and self.kind == "GAMG"):
                 raise
             self._prepare(anew=True)
             shares = self._solve(b, rtol, guess)
-        rows, iterations, residual = zip(*shares, strict=True)
+        # each process returns the x of its nodes, and the same iterations and residual
+        x_of_parts, iterations, residual = zip(*shares, strict=True)
         x = np.empty_like(b)
-        for part, own in zip(self.crew.parts, rows, strict=True):
-            x[part.own_nodes] = own
+        for part, own_x in zip(self.crew.parts, x_of_parts, strict=True):
+            x[part.own_nodes] = own_x
         self.last = iterations[0]
         self.first = self.first or max(self.last, 1)
         seconds = time.perf_counter() - begin
         return x, SolveInfo(self.name, self.last, residual[0], self.seconds_factor, seconds)
 
     def _solve(self, b: np.ndarray, rtol: float, guess: np.ndarray | None) -> list:
+        """What `PetscSolver.solve` returns on each process, for its rows of b and the guess."""
+
         def arguments(part: partition.Part) -> tuple:
             own_guess = None if guess is None else guess[part.own_nodes]
             return b[part.own_nodes], rtol, own_guess
 
-        return self.crew.each("solve", arguments)
+        return self.crew.call_each("solve", arguments)
 
 
 class DistributedSystem(System):
@@ -172,7 +185,7 @@ class DistributedSystem(System):
     @cached_property
     def parts(self) -> list[partition.Part]:
         """The part of each process; terms that cannot be shared are refused."""
-        _refuse(self.terms)
+        _refuse_unshared(self.terms)
         rings = max((traits_of(term).reach for term in self.terms), default=TermTraits.reach)
         size = self.link.size
         owner = partition.find_owners(self.cloth, size)
@@ -195,15 +208,19 @@ class DistributedSystem(System):
 
     @cached_property
     def crew(self) -> Crew:
-        """The workers, which are made here."""
+        """The workers of all processes, which are made at the first use.
+
+        Each gets its part of the mesh, the terms that couple nodes, the pins and the start.
+        """
         start = self.rest() if self.start is None else self.start
         pairs = zip(self.terms, self._is_shared, strict=True)
-        shared = [self._known(term) for term, is_shared in pairs if is_shared]
+        shared_terms = [self._with_known_springs(term) for term, is_shared in pairs if is_shared]
         descriptions = []
         for part in self.parts:
+            # Springs between nodes are cut here; other terms follow from the part's triangles.
             own_terms = [
                 partition.cut_springs(part, term) if isinstance(term, KnownSprings) else term
-                for term in shared
+                for term in shared_terms
             ]
             description = partition.PartDescription(
                 part=part,
@@ -217,7 +234,7 @@ class DistributedSystem(System):
             descriptions.append(description)
         return Crew.begin(self.link, descriptions)
 
-    def _known(self, term):
+    def _with_known_springs(self, term):
         """The term, or its springs where a part does not know their stiffness."""
         if isinstance(term, named.Springs) and term.kind == "structural":
             return term.springs(self.panel)
@@ -225,12 +242,16 @@ class DistributedSystem(System):
 
     @cached_property
     def bound(self) -> tuple:
-        """The terms: terms on single nodes are bound here, the others on all processes."""
-        shared = iter(self.crew.here.terms.items())
+        """The bound terms, in the order of `terms`.
+
+        Terms on single nodes are bound here for the whole cloth. Terms that couple nodes are
+        bound by the workers on their parts, in the same order.
+        """
+        terms_of_worker = iter(self.crew.here.terms.items())
         bound: list[BoundTerm] = []
         for term, is_shared in zip(self.terms, self._is_shared, strict=True):
             if is_shared:
-                key, local = next(shared)
+                key, local = next(terms_of_worker)
                 bound.append(RemoteTerm(self.crew, key, local))
             else:
                 bound.append(protocol.bound(term, self.panel, self.layout.slots))
@@ -243,7 +264,10 @@ class DistributedSystem(System):
         return ReactionLimits(np.concatenate(nodes), np.concatenate(most))
 
     def force(self, state: State) -> np.ndarray:
-        """(n, 3) sum of all terms' forces [N]; shared terms take one call."""
+        """The sum (n, 3) of all terms' forces [N].
+
+        The shared terms take one call of all processes together, because each call costs time.
+        """
         f = np.zeros_like(state.x)
         keys = tuple(term.key for term in self.bound if isinstance(term, RemoteTerm))
         if keys:
@@ -271,7 +295,7 @@ class DistributedSystem(System):
     def project(self, J: BlockMatrix) -> BlockMatrix:
         """The matrix on all processes plus J, projected there."""
         diagonal = J.values if J.values.any() else None
-        self.crew.each(
+        self.crew.call_each(
             "project", lambda part: (None if diagonal is None else diagonal[part.nodes],)
         )
         return J
@@ -303,8 +327,12 @@ def _in_parts(what: str) -> InputError:
     return InputError(what, allowed, "mpiexec", "Run on one process for this.")
 
 
-def _refuse(terms: Sequence) -> None:
-    """Raise `InputError` for a term that cannot be shared among processes."""
+def _refuse_unshared(terms: Sequence) -> None:
+    """Raise `InputError` for a term that cannot be shared among processes.
+
+    That is a term whose traits say so, and bending with a rest angle for each hinge of the whole
+    cloth.
+    """
     for term in terms:
         name = type(term).__name__
         traits = traits_of(term)

@@ -21,11 +21,12 @@ LONGEST_NAP = 1e-3  # [s] between two looks for a call: a process that waits lea
 def run_on_all(run: Callable[[MakeSystem], int]) -> int:
     """Call run(make_system) on the first process, and let the others work for it.
 
-    Return its exit status on the first process, and 0 on the others. An error that is none of
-    fecloth ends all processes with status 3.
+    Return its exit status on the first process, and 0 on the others when it has ended. Errors of
+    fecloth and Ctrl-C end the other processes and pass on; any other error ends all processes
+    with status 3. Raise `InputError` where mpi4py or petsc4py is missing.
     """
     comm = load()
-    if comm.rank:
+    if comm.rank:  # not the first process
         # The first process alone hears the signals: it ends between two steps.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
@@ -45,7 +46,10 @@ def run_on_all(run: Callable[[MakeSystem], int]) -> int:
 
 
 def load() -> Any:
-    """The communicator of all processes, for Python objects with large arrays."""
+    """The communicator of all processes, for Python objects with large arrays.
+
+    Raise `InputError` if mpi4py or petsc4py is not installed.
+    """
     try:
         with suppress(ImportError):
             import dolfinx_solver  # noqa: F401  # this wheel's libraries must be loaded first
@@ -70,12 +74,16 @@ class MpiLink:
 
     def begin(self, descriptions: Sequence[PartDescription]) -> Worker:
         """Make one worker of each description, and return the worker of this process."""
-        self.each("", [(description,) for description in descriptions])
+        self.call_each("", [(description,) for description in descriptions])
         assert self.here is not None
         return self.here
 
-    def each(self, name: str, arguments: Sequence[tuple]) -> list:
-        """What the function `name` of each worker returns for its own arguments."""
+    def call_each(self, name: str, arguments: Sequence[tuple]) -> list:
+        """What the function `name` of each worker returns for its own arguments.
+
+        The name "" makes new workers. An error of fecloth in a process is raised here, when all
+        have replied: so none is left with a reply that nobody takes.
+        """
         for rank in range(1, self.size):
             self.comm.send((name, arguments[rank]), dest=rank)
         self.here, own_reply = _perform(self.comm, self.here, name, arguments[0])
@@ -96,13 +104,15 @@ class MpiLink:
 
 
 def work(comm: Any) -> None:
-    """Do what the first process asks, until it says "end"."""
+    """Do what the first process asks, and reply to it, until it says "end"."""
     worker: Worker | None = None
     while True:
+        # While `recv` waits, it keeps the core busy, so sleep until there is a call. The first
+        # naps [s] are short, so that a call that comes soon is not delayed.
         nap = 1e-6
         while not comm.iprobe(source=0):
             time.sleep(nap)
-            nap = min(2 * nap, LONGEST_NAP)  # the longer there is no call, the longer it sleeps
+            nap = min(2 * nap, LONGEST_NAP)
         name, arguments = comm.recv(source=0)
         if name == "end":
             return
@@ -111,9 +121,11 @@ def work(comm: Any) -> None:
 
 
 def _perform(comm: Any, worker: Worker | None, name: str, arguments: tuple) -> tuple:
-    """The worker, new for the name "", and its reply: a value, or an error of fecloth.
+    """Call the function `name` of the worker; return the worker and its reply.
 
-    Any other error ends all processes, as they would wait for this one for ever.
+    For the name "" a new worker is made in place of the old one, from its description. The
+    reply is the value, or an error of fecloth. Any other error ends all processes, as they
+    would wait for this one for ever.
     """
     try:
         if not name:

@@ -96,11 +96,13 @@ class Part:
 
 
 def find_owners(cloth: Cloth, count: int) -> np.ndarray:
-    """(n,) process of each node, of `count`.
+    """(n,) the number of the process that owns each node, of `count` processes.
 
-    To 8 processes they own equal ranges of the corners, whose numbers follow a narrow band;
-    beyond pymetis divides the mesh. The midpoint of an edge belongs to the process of its lesser
-    end.
+    Up to 8 processes own ranges of the corners, whose numbers follow a narrow band; only the
+    range of the first is shorter. More processes get the parts into which pymetis divides the
+    mesh. The midpoint of an edge belongs to the process of its end with the lesser number.
+
+    Raise `InputError` for more processes than corners, and where pymetis is missing.
     """
     corners = int(cloth.triangles.max()) + 1
     if count > corners:
@@ -108,9 +110,10 @@ def find_owners(cloth: Cloth, count: int) -> np.ndarray:
         allowed = f"must be at most one for each of {corners} nodes"
         raise InputError(what, allowed, "mpiexec", "Ask for fewer by -n.")
     owner = np.empty(len(cloth.X), np.int64)
-    # where the ranges end, from 0 to 1; the first process has more to do, and a shorter range
-    first = max((1 + FIRST_PROCESS_WORK) / count - FIRST_PROCESS_WORK, 0.2 / count)
-    ends = first + (1 - first) * np.arange(count) / max(count - 1, 1)
+    # Where the ranges end, from 0 to 1. The first process has work of its own. So it gets a
+    # shorter range, with which all have the same work; but at least a fifth of 1/count.
+    first_end = max((1 + FIRST_PROCESS_WORK) / count - FIRST_PROCESS_WORK, 0.2 / count)
+    ends = first_end + (1 - first_end) * np.arange(count) / max(count - 1, 1)
     ranges = np.searchsorted(ends, np.arange(corners) / corners, side="right")
     if count <= MOST_RANGES:
         owner[:corners] = ranges
@@ -123,7 +126,10 @@ def find_owners(cloth: Cloth, count: int) -> np.ndarray:
 
 
 def _by_metis(cloth: Cloth, corners: int, count: int) -> np.ndarray:
-    """(corners,) process of each corner, by METIS; raise `InputError` where it is missing."""
+    """(corners,) the process of each corner, by METIS, which cuts as few edges as it can.
+
+    Raise `InputError` where pymetis is missing.
+    """
     try:
         import pymetis
     except ImportError as error:
@@ -131,43 +137,52 @@ def _by_metis(cloth: Cloth, corners: int, count: int) -> np.ndarray:
         allowed = f"above {MOST_RANGES} need pymetis"
         remedy = "Run: pip install 'pymetis>=2025.2'"
         raise InputError(what, allowed, "mpiexec", remedy) from error
-    a = cloth.triangles.ravel()
-    b = np.roll(cloth.triangles, -1, axis=1).ravel()
-    ones = np.ones(2 * len(a), np.int8)
-    pairs = np.append(a, b), np.append(b, a)
+    # The graph of the edges, each in both directions; an inner edge is once in either triangle.
+    begins = cloth.triangles.ravel()
+    ends = np.roll(cloth.triangles, -1, axis=1).ravel()
+    ones = np.ones(2 * len(begins), np.int8)
+    pairs = np.append(begins, ends), np.append(ends, begins)
     graph = sparse.coo_array((ones, pairs), shape=(corners, corners)).tocsr()
     _, owner = pymetis.part_graph(count, pymetis.CSRAdjacency(graph.indptr, graph.indices))
     return np.asarray(owner)
 
 
 def make_part(cloth: Cloth, owner: np.ndarray, rank: int, rings: int) -> Part:
-    """The part of a process, with so many rings of triangles around the nodes that it owns."""
+    """The part of the process `rank`: the nodes that it owns, and the triangles around them.
+
+    `owner` (n,) is the process of each node, and `rings` the number of rings of triangles around
+    the own nodes, at least 1: each ring adds the triangles that touch the ones before.
+    """
     corners = int(cloth.triangles.max()) + 1
-    inside = owner[:corners] == rank
+    in_part = owner[:corners] == rank  # of each corner
     for _ in range(rings):
-        cells = inside[cloth.triangles].any(axis=1)
-        inside[cloth.triangles[cells]] = True
-    chosen = np.flatnonzero(cells)
-    numbers = np.flatnonzero(inside)
-    place = np.full(corners, -1, np.int32)
-    place[numbers] = np.arange(len(numbers), dtype=np.int32)
-    triangle = np.full(len(cloth.triangles), -1)
-    triangle[chosen] = np.arange(len(chosen))
-    regions = {name: triangle[which] for name, which in cloth.triangle_sets.items()}
-    regions = {name: which[which >= 0] for name, which in regions.items() if (which >= 0).any()}
+        touches_part = in_part[cloth.triangles].any(axis=1)
+        in_part[cloth.triangles[touches_part]] = True
+    cells = np.flatnonzero(touches_part)
+    numbers = np.flatnonzero(in_part)
+    # from numbers in the whole cloth to numbers in the part; −1 outside the part
+    local_corner = np.full(corners, -1, np.int32)
+    local_corner[numbers] = np.arange(len(numbers), dtype=np.int32)
+    local_cell = np.full(len(cloth.triangles), -1)
+    local_cell[cells] = np.arange(len(cells))
+    regions = {}
+    for name, cells_of_region in cloth.triangle_sets.items():
+        local_cells = local_cell[cells_of_region]
+        if (local_cells >= 0).any():
+            regions[name] = local_cells[local_cells >= 0]
     part = Part(
         corners=cloth.X[numbers],
-        triangles=place[cloth.triangles[chosen]],
+        triangles=local_corner[cloth.triangles[cells]],
         nodes=numbers,
-        cells=chosen,
-        is_own=inside,
+        cells=cells,
+        is_own=in_part,  # replaced below
         regions=regions,
         element=cloth.element,
     )
-    if cloth.element == "P2":
+    if cloth.element == "P2":  # its nodes are also midpoints, which `cloth` numbers
         part_cloth = part.cloth()
         numbers = np.empty(len(part_cloth.X), np.int64)
-        numbers[part_cloth.stencil] = cloth.stencil[chosen]
+        numbers[part_cloth.stencil] = cloth.stencil[cells]
     return replace(part, nodes=numbers, is_own=owner[numbers] == rank)
 
 
@@ -191,7 +206,7 @@ class PartDescription:
     start: State
 
     def make(self) -> System:
-        """The system of the part."""
+        """Make the cloth of the part, and return the system on it."""
         cloth = self.part.cloth()
         return PartSystem(
             self.part,
@@ -218,21 +233,22 @@ class PartSystem(System):
 
 
 def cut_pins(part: Part, groups: Mapping[str, tuple[Pin, np.ndarray]]) -> list:
-    """(pin, nodes) of the pins that hold nodes of the part.
+    """(pin, nodes) of each pin that holds nodes of the part; the nodes as numbers of the part.
 
-    Positions come from the first process; a motion is left only where a clamp needs it.
+    `groups` has each pin of the whole cloth with its nodes. The positions of held nodes come
+    from the first process, so a motion is left only where a clamp needs it.
     """
-    cut = []
+    pins_of_part = []
     for pin, nodes in groups.values():
-        places, local = part.restrict(nodes)
-        if not len(local):
+        places, local_nodes = part.restrict(nodes)
+        if not len(local_nodes):
             continue
         if not pin.clamp:
             pin = replace(pin, motion=None, velocity=None, rotate=None)
         elif isinstance(pin.motion, Motion) and pin.motion.X is not None:
-            pin = pin.at(pin.motion.X[places])
-        cut.append((pin, local))
-    return cut
+            pin = pin.at(pin.motion.X[places])  # a motion by place: of these nodes only
+        pins_of_part.append((pin, local_nodes))
+    return pins_of_part
 
 
 def cut_springs(part: Part, springs: KnownSprings) -> KnownSprings:

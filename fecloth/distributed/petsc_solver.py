@@ -79,11 +79,13 @@ class PetscSolver:
         self.blocks = _blocks_of(part, matrix)
         pattern = matrix.pattern
         integer = self.petsc.IntType
-        rows = numbers[pattern.rows[self.blocks]]  # they follow one another
+        # The matrix of the own rows by blocks of 3 × 3, in compressed rows: `starts` has where
+        # each row begins, and `columns` the column of each block. The rows follow one another.
+        rows = numbers[pattern.rows[self.blocks]]
         self.first = int(rows[0])
         self.columns = numbers[pattern.indices[self.blocks]].astype(integer)
-        count = np.bincount(rows - self.first, minlength=self.own)
-        self.starts = np.append(0, np.cumsum(count)).astype(integer)
+        blocks_of_row = np.bincount(rows - self.first, minlength=self.own)
+        self.starts = np.append(0, np.cumsum(blocks_of_row)).astype(integer)
         self.kind = ""
         self.ksp: Any = None
         self.A: Any = None
@@ -92,8 +94,12 @@ class PetscSolver:
         self.r: Any = None
 
     def begin(self, kind: str, symmetric: bool) -> None:
-        """Make a solver of a kind, a key of `OPTIONS`, in place of the one before."""
-        half = kind == "MUMPS" and symmetric  # the upper half does, and takes a third of memory
+        """Make a solver of a kind, a key of `OPTIONS`, in place of the one before.
+
+        The matrix and the vectors are kept, unless the kind needs another type of matrix.
+        """
+        # MUMPS takes the upper half of a symmetric matrix, and then a third of the memory.
+        half = kind == "MUMPS" and symmetric
         if self.A is None or half != (self.A.getType() == "mpisbaij"):
             self.destroy()
             self.A = self._make_matrix(half)
@@ -111,7 +117,10 @@ class PetscSolver:
                 petsc_object.destroy()
 
     def _make_matrix(self, half: bool) -> Any:
-        """The matrix (3n, 3n), rows of own nodes here, with space for its pattern."""
+        """The matrix (3n, 3n) of PETSc, without values, with space for the own rows.
+
+        With `half` only the blocks of the upper half are stored.
+        """
         PETSc = self.petsc
         first = self.first
         columns = self.columns
@@ -119,42 +128,51 @@ class PetscSolver:
         A.setSizes(((3 * self.own, self.size), (3 * self.own, self.size)), bsize=3)
         A.setType("mpisbaij" if half else PETSc.Mat.Type.AIJ)
         rows = np.repeat(np.arange(self.own), np.diff(self.starts))
-        here = (columns >= first) & (columns < first + self.own)
-        stored = columns - first >= rows if half else np.ones(len(columns), bool)
+        is_own_column = (columns >= first) & (columns < first + self.own)
+        is_stored = columns - first >= rows if half else np.ones(len(columns), bool)
+        # PETSc stores the own columns of a row apart from the others, and wants both numbers.
         counts = [
-            np.bincount(rows[here & stored], minlength=self.own),
-            np.bincount(rows[~here & stored], minlength=self.own),
+            np.bincount(rows[is_own_column & is_stored], minlength=self.own),
+            np.bincount(rows[~is_own_column & is_stored], minlength=self.own),
         ]
-        if not half:
+        if not half:  # numbers of this type: 3 in each of the 3 rows of a block
             counts = [3 * np.repeat(count, 3) for count in counts]
         A.setPreallocationNNZ(tuple(count.astype(PETSc.IntType) for count in counts))
-        A.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)
+        A.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)  # `_fill` gives blocks by columns
         if half:
             A.setOption(PETSc.Mat.Option.IGNORE_LOWER_TRIANGULAR, True)
         return A
 
     def _fill(self) -> None:
-        """Copy the blocks to PETSc, for some rows at once to save memory."""
+        """Copy the values of the own rows to PETSc's matrix.
+
+        `ROWS_AT_ONCE` rows of blocks are copied together: the copy of all would need as much
+        memory as the matrix.
+        """
         values = self.matrix.values[self.blocks]
         starts = self.starts
         A = self.A
         for row in range(0, self.own, ROWS_AT_ONCE):
             end = min(row + ROWS_AT_ONCE, self.own)
-            part = slice(starts[row], starts[end])
+            blocks = slice(starts[row], starts[end])
             rows = np.arange(self.first + row, self.first + end, dtype=starts.dtype)
-            by_column = np.ascontiguousarray(values[part].transpose(0, 2, 1))
-            own_starts = starts[row : end + 1] - starts[row]
-            A.setValuesBlockedIJV(own_starts, self.columns[part], by_column, rowmap=rows)
+            by_column = np.ascontiguousarray(values[blocks].transpose(0, 2, 1))
+            starts_here = starts[row : end + 1] - starts[row]
+            A.setValuesBlockedIJV(starts_here, self.columns[blocks], by_column, rowmap=rows)
         A.assemble()
 
     def _make_ksp(self, symmetric: bool) -> Any:
-        """The solver of the present kind, with its options."""
+        """The solver of the present kind, with the options of `OPTIONS`.
+
+        Options of the environment variable PETSC_OPTIONS, such as -fecloth_gamg_ksp_max_it, go
+        before these.
+        """
         PETSc = self.petsc
         is_direct = self.kind == "MUMPS"
         ksp = PETSc.KSP().create(comm=PETSc.COMM_WORLD)
         ksp.setOptionsPrefix(f"fecloth_{self.kind.lower().replace(' ', '_')}_")
         ksp.setOperators(self.A)
-        if is_direct:
+        if is_direct:  # corrections by the factor, which is of low rank and so not exact
             ksp.setType("richardson")
             ksp.getPC().setType("cholesky" if symmetric else "lu")
         else:
@@ -164,13 +182,18 @@ class PetscSolver:
             options |= {f"mg_levels_{name}": value for name, value in OF_OLD.items()}
         table = PETSc.Options(ksp.getOptionsPrefix())
         for name, value in options.items():
-            if not table.hasName(name):  # options of the environment variable PETSC_OPTIONS stay
+            if not table.hasName(name):
                 table[name] = value
         ksp.setFromOptions()
         return ksp
 
     def prepare(self, shape: np.ndarray, anew: bool) -> float:
-        """Take the present values; `anew` renews the preconditioner. Returns the seconds."""
+        """Take the present values of the matrix; return the seconds that this took.
+
+        GAMG makes a new preconditioner only with `anew`, which needs the `shape` (own, 3), the
+        positions of own nodes [m]; the others always make one. Raise `SolveFailed` if PETSc
+        fails, and `IndefiniteMatrix` if a factor has negative pivots.
+        """
         begin = time.perf_counter()
         self._fill()
         if self.kind == "GAMG":
@@ -183,9 +206,9 @@ class PetscSolver:
         except self.petsc.Error as error:
             raise SolveFailed(f"PETSc {self.kind}: {error}") from error
         if self.kind == "MUMPS" and self.ksp.getPC().getType() == "cholesky":
-            negative = self.ksp.getPC().getFactorMatrix().getMumpsInfog(12)
-            if negative:
-                raise IndefiniteMatrix(f"{negative} pivots of MUMPS are negative")
+            negative_pivots = self.ksp.getPC().getFactorMatrix().getMumpsInfog(12)
+            if negative_pivots:
+                raise IndefiniteMatrix(f"{negative_pivots} pivots of MUMPS are negative")
         return time.perf_counter() - begin
 
     def _set_rigid_motions(self, shape: np.ndarray) -> None:
@@ -201,7 +224,11 @@ class PetscSolver:
     def solve(
         self, b: np.ndarray, rtol: float, guess: np.ndarray | None
     ) -> tuple[np.ndarray, int, float]:
-        """x of own nodes, the iterations, and ‖b − A x‖ / ‖b‖."""
+        """Solve A x = b; return x (own, 3), the iterations, and ‖b − A x‖ / ‖b‖.
+
+        b and the `guess` are (own, 3), the rows of own nodes. Raise `SolveFailed`, or a kind of
+        it, if the solve fails or if this true residual is above `LARGEST_RESIDUAL` × `rtol`.
+        """
         self.b.array[:] = b.ravel()
         self.x.array[:] = 0.0 if guess is None else guess.ravel()
         self.ksp.setInitialGuessNonzero(guess is not None)
@@ -216,7 +243,11 @@ class PetscSolver:
         return self.x.array.reshape(-1, 3).copy(), self.ksp.getIterationNumber(), residual
 
     def _check(self, reason: int) -> None:
-        """Raise `SolveFailed`, or a kind of it, if the solve ended for a reason of failure."""
+        """Raise the error that fits the `reason`, by PETSc, for which a solve ended.
+
+        A negative reason is a failure: `IndefiniteMatrix`, `SpoiledPreconditioner`,
+        `TooManyIterations`, or `SolveFailed` for any other.
+        """
         reasons = self.petsc.KSP.ConvergedReason
         if reason >= 0:
             return

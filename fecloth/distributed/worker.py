@@ -22,17 +22,22 @@ def total(parts: Sequence[Part], shares: Sequence[float]) -> float:
 
 
 def cells(parts: Sequence[Part], shares: Sequence[Any]) -> Any:
-    """The rows of all triangles, each from the part where it counts."""
-    if isinstance(first := shares[0], Mapping):
-        return {name: cells(parts, [share[name] for share in shares]) for name in first}
-    if first is None:
+    """The array of all triangles of the cloth, from the rows that each part returned.
+
+    A share has a row for each triangle that counts in its part. Shares may also be mappings or
+    records (dataclasses) of such arrays, or None for all parts: the result is of the same kind.
+    """
+    first_share = shares[0]
+    if isinstance(first_share, Mapping):
+        return {name: cells(parts, [share[name] for share in shares]) for name in first_share}
+    if first_share is None:
         return None
-    if not isinstance(first, np.ndarray):
-        record: Any = first
+    if not isinstance(first_share, np.ndarray):
+        record: Any = first_share
         return replace(record, **cells(parts, [vars(share) for share in shares]))
-    out = np.zeros((sum(map(len, shares)), *shares[0].shape[1:]))
-    for part, own in zip(parts, shares, strict=True):
-        out[part.cells[part.counted(part.triangles)]] = own
+    out = np.zeros((sum(map(len, shares)), *first_share.shape[1:]))
+    for part, own_rows in zip(parts, shares, strict=True):
+        out[part.cells[part.counted(part.triangles)]] = own_rows
     return out
 
 
@@ -124,11 +129,15 @@ class Worker:
         return f[self.part.own]
 
     def ask(self, key, name: str, arguments: tuple) -> Any:
-        """What one of the `ABILITIES` of a term returns for the part."""
+        """What the ability `name`, one of `ABILITIES`, of a term returns for the part.
+
+        Positions and velocities are those of the last `place`; `arguments` are the others. Rows
+        of triangles are returned only for the triangles that count in this part.
+        """
         ability = ABILITIES[name]
         function = getattr(self.terms[key], name)
         placed = (self.x, self.v)[: ability.placed]
-        if ability.width:
+        if ability.width:  # it adds to its last argument
             out = np.zeros((len(self.part.cells), ability.width))
             function(*placed, *arguments, out)
         else:

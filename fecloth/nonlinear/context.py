@@ -67,18 +67,18 @@ class FactorReuse:
         self.wait = max(0, self.wait - 1)
 
     def record_iteration(self, contraction: float, to_go: float, linear) -> None:
-        """Record an iteration; drop the factor if the next ones cost more than a new factor.
+        """Record an iteration with the old factor; drop it if the next ones cost too much.
 
-        `contraction` is the new residual over the old one, and `to_go` the goal over the new
-        residual: ln(to_go)/ln(contraction) iterations remain. After each consecutive failure
-        reuse is suspended for 1, 2, 4, … new factors.
+        They cost too much if a new factor costs less. `contraction` is the new residual over the
+        old one, and `to_go` the goal over the new residual: ln(to_go)/ln(contraction) iterations
+        remain. After each failure in a row reuse is suspended for 1, 2, 4, … new factors.
         """
         self.solves += 1
-        pays = contraction == 0.0 or to_go >= 1.0
-        if not pays and contraction < 1.0:
+        is_reuse_cheaper = contraction == 0.0 or to_go >= 1.0  # the goal is reached
+        if not is_reuse_cheaper and contraction < 1.0:
             iterations_left = math.log(to_go) / math.log(contraction)
-            pays = iterations_left < PRICES[linear.name]
-        if pays:
+            is_reuse_cheaper = iterations_left < PRICES[linear.name]
+        if is_reuse_cheaper:
             self.failures = 0
             return
         self.failures += 1

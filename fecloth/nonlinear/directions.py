@@ -47,7 +47,11 @@ class Costs:
 
 
 class Directions:
-    """The matrix and the linear solver of one iteration. `goal` is its relative residual."""
+    """The directions of one iteration: its matrix, its linear solver, and what they cost.
+
+    `goal` is the relative residual at which the iteration ends. The `exact` remedy is the first
+    one, the exact matrix if the equation allows it.
+    """
 
     def __init__(self, equation: Equation, context: SolverContext, goal: float):
         self.equation = equation
@@ -60,7 +64,11 @@ class Directions:
         self.costs = Costs()
 
     def find(self, point: Point, remedy: Remedy) -> np.ndarray:
-        """s = −J⁻¹ R with a remedy, from a new matrix; raise `SolveFailed` where it fails."""
+        """The direction s = −J⁻¹ R (n, 3) at a point, from a new matrix with a remedy.
+
+        Raise `SolveFailed` where the matrix has no factor or the solver does not converge. The
+        factor, if there is one, is recorded for reuse.
+        """
         begin = time.perf_counter()
         self.factor_reuse.key = None  # the old factor is lost, also if this fails
         self.equation.assemble(point.y, remedy, self.matrix)
@@ -68,14 +76,19 @@ class Directions:
         self.costs.factorisations += 1
         self.costs.seconds["assemble"] += time.perf_counter() - begin
         self.linear_solver.prepare(self.equation.couple(point.y, remedy, self.matrix))
+        # With contact, a matrix with a remedy is not exact: a sharper solve gains nothing.
         is_rough = self.equation.takes_short_solves and remedy != self.exact
-        least = ROUGH_RESIDUAL if is_rough else 0.0
-        step = self._solve(point, least, is_new=True)
+        least_rtol = ROUGH_RESIDUAL if is_rough else 0.0
+        step = self._solve(point, least_rtol, is_new_factor=True)
         self.factor_reuse.record_factor(self.equation.key(remedy), self.linear_solver)
         return step
 
     def find_with_old_factor(self, point: Point, remedy: Remedy) -> np.ndarray | None:
-        """−J⁻¹ R with the factor of an earlier J; None if there is none for this remedy."""
+        """The direction −J⁻¹ R (n, 3) with the factor of an earlier J.
+
+        None if reuse is not allowed now, if no factor of this remedy is held, or if the factor
+        is too poor. Such a factor is forgotten.
+        """
         key = self.equation.key(remedy)
         may_reuse = self.options.reuse and point.norm > 0
         if not (may_reuse and self.factor_reuse.is_usable(key, self.linear_solver)):
@@ -89,10 +102,12 @@ class Directions:
         return step
 
     def refine(self, point: Point, step: np.ndarray) -> np.ndarray:
-        """The step of the exact matrix, by conjugate gradients with the factor that made `step`.
+        """The direction of the exact matrix, where `step` is the one of a definite matrix.
 
-        A direction without positive curvature ends them and is the result (Nocedal and Wright
-        2006, algorithm 7.1). With the definite matrix alone wrinkled sheets converge slowly.
+        With the definite matrix alone wrinkled sheets converge slowly. So K s = −R is solved
+        with the exact matrix K by conjugate gradients, preconditioned by the factor that made
+        `step`. A direction p without positive curvature, p·K p ≤ 0, ends them and is the result
+        (Nocedal and Wright 2006, algorithm 7.1).
         """
         K = BlockMatrix.zeros(self.matrix.pattern, self.system.team)
         self.equation.assemble(point.y, self.exact, K)
@@ -100,10 +115,10 @@ class Directions:
         updates = self.equation.updates(point.y)
         dot = self.system.sums.dot
         project = self.system.constraints.project
-        s = np.zeros_like(step)
-        r = -point.R
-        z = step
-        p = step
+        s = np.zeros_like(step)  # the solution so far
+        r = -point.R  # its residual
+        z = step  # the residual, preconditioned
+        p = step  # the direction of the search
         rz = dot(r, z)
         for _ in range(MOST_REFINEMENTS):
             q = project(K @ p + sum(c * dot(u, p) * u for c, u in updates))
@@ -121,13 +136,20 @@ class Directions:
             p = z + rz / rz_before * p
         return s
 
-    def _solve(self, point: Point, least: float = 0.0, is_new: bool = False) -> np.ndarray:
-        """−J⁻¹ R for the prepared J, to the option `forcing` or to `least`, if that is more."""
-        enough = 0.5 * (self.goal * point.scale) / point.norm
-        rtol = min(0.5, max(self.options.forcing, enough, least))
+    def _solve(
+        self, point: Point, least_rtol: float = 0.0, is_new_factor: bool = False
+    ) -> np.ndarray:
+        """−J⁻¹ R (n, 3) for the prepared J, in the free directions; add up what it costs.
+
+        The relative residual of the solve is the largest of the option `forcing`, of
+        `least_rtol`, and of half of what the goal of the iteration needs; but at most a half.
+        """
+        rtol_of_goal = 0.5 * (self.goal * point.scale) / point.norm
+        rtol = min(0.5, max(self.options.forcing, rtol_of_goal, least_rtol))
         updates = self.equation.updates(point.y)
         step, infos = solve_updated(self.linear_solver, updates, -point.R, rtol)
         self.costs.linear += sum(info.iterations for info in infos)
-        self.costs.seconds["factor"] += infos[0].seconds_factor if is_new else 0.0
+        if is_new_factor:  # a factor that is used again has been counted
+            self.costs.seconds["factor"] += infos[0].seconds_factor
         self.costs.seconds["solve"] += sum(info.seconds_solve for info in infos)
         return self.system.constraints.project(step)

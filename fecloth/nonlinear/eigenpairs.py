@@ -72,9 +72,9 @@ def least_eigenpairs(system: System, state: State, count: int, unit_mass=False) 
     Z = system.admissible
     M = pencil.mass
     values, vectors = find_all(inverse, M, shift, count)
-    whole = (Z @ vectors).T
-    largest = np.take_along_axis(whole, abs(whole).argmax(axis=1)[:, None], axis=1)
-    shapes = (whole * np.sign(largest)).reshape(count, -1, 3)
+    modes = (Z @ vectors).T  # (count, 3n), with zeros in the held directions
+    largest = np.take_along_axis(modes, abs(modes).argmax(axis=1)[:, None], axis=1)
+    shapes = (modes * np.sign(largest)).reshape(count, -1, 3)
     zero = ZERO_EIGENVALUE * pencil.scale
     return Eigenpairs(values, shapes, zero, pencil.asymmetry)
 
@@ -111,6 +111,7 @@ class _Pencil:
 
     @classmethod
     def at(cls, system: System, state: State, unit_mass: bool) -> Self:
+        """Assemble K and M at a state; with `unit_mass` M is the identity."""
         K = system.assemble(BlockMatrix.zeros(system.pattern, system.team), state, wx=1.0)
         asymmetry = 0.0 if system.symmetric else symmetrise(system, K)
         project = system.constraints.project
@@ -122,9 +123,11 @@ class _Pencil:
         else:
             nodal = system.scalar_mass
         mass = (Z.T @ sparse.kron(nodal, sparse.identity(3), format="csr") @ Z).tocsr()
-        if (part := system.coupling(state, wx=1.0)) is not None:
-            K = K.plus(part)
+        # blocks of terms that couple nodes outside the pattern, such as contact
+        if (coupling := system.coupling(state, wx=1.0)) is not None:
+            K = K.plus(coupling)
         diagonal = np.einsum("bii->b", abs(K.values[K.pattern.diagonal]))
+        # A K of zeros gives no scale: then any will do.
         scale = float(diagonal.sum() / (3 * nodal.diagonal().sum())) or 1.0
         return cls(system, K, updates, nodal, mass, scale, asymmetry)
 
@@ -139,6 +142,11 @@ class _Pencil:
         raise last
 
     def _inverse(self, shift: float) -> LinearOperator:
+        """(K + shift × M)⁻¹ of the free directions; raise `SolveFailed` without a factor.
+
+        The factor is one of Cholesky, so that it also fails where the matrix is not positive
+        definite.
+        """
         pattern = self.stiffness.pattern
         Z = self.system.admissible
         J = BlockMatrix(pattern, self.stiffness.values.copy())
@@ -153,8 +161,9 @@ class _Pencil:
             update.require_definite(self.updates)
 
         def apply(b: np.ndarray) -> np.ndarray:
-            y, _ = solver.solve((Z @ b.ravel()).reshape(-1, 3), LINEAR_RESIDUAL)
-            if update:
+            whole = (Z @ b.ravel()).reshape(-1, 3)
+            y, _ = solver.solve(whole, LINEAR_RESIDUAL)
+            if update:  # the parts of low rank, which are not in the matrix
                 y = update.apply(y)
             return Z.T @ y.ravel()
 
@@ -164,7 +173,11 @@ class _Pencil:
 
 
 def symmetrise(system: System, K: BlockMatrix) -> float:
-    """Replace K by its symmetric part; return ‖K − Kᵀ‖ / ‖K + Kᵀ‖ on the free directions."""
+    """Replace the values of K by those of its symmetric part; return its asymmetry before.
+
+    That is ‖K − Kᵀ‖ / ‖K + Kᵀ‖ on the free directions; 0 for a K of zeros there, or where the
+    ratio is no number.
+    """
     pattern = system.pattern
     pairs = np.column_stack([pattern.rows, pattern.indices])
     mirrored = pattern.slots(pairs)[:, 1, 0]  # where the block (j, i) is, for each block (i, j)
@@ -184,12 +197,18 @@ def symmetrise(system: System, K: BlockMatrix) -> float:
 def find_all(
     inverse: LinearOperator, M: sparse.csr_matrix, shift: float, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The least eigenvalues and their vectors (f, count), with all of equal eigenvalues."""
+    """The `count` least eigenvalues λ of K u = λ M u and their vectors (f, count).
+
+    `inverse` is (K + shift × M)⁻¹ on the f free directions. Lanczos' iteration may find only one
+    of several vectors with the same eigenvalue. So it is repeated with an inverse from which the
+    vectors found so far are removed, until it finds nothing less than the last of them.
+    """
     random = np.random.default_rng(0)  # the same numbers in every run
     size = M.shape[0]
     values = np.zeros(0)
     vectors = np.zeros((size, 0))
     while True:
+        # The inverse is Σ u uᵀ / (λ + shift): this takes the part of each known u out of it.
         scaled = vectors / (values + shift)
 
         def deflated(b: np.ndarray, vectors=vectors, scaled=scaled) -> np.ndarray:
@@ -197,20 +216,25 @@ def find_all(
 
         operator = LinearOperator(inverse.shape, deflated, dtype=float)
         wanted = max(count - len(values), 1)
-        more, others = _iterate(operator, M, shift, wanted, random.standard_normal(size))
+        start = random.standard_normal(size)
+        new_values, new_vectors = _iterate_lanczos(operator, M, shift, wanted, start)
         if len(values) == count:
             least_distance = (1 - LESS_EIGENVALUE) * (values[-1] + shift)
-            if more[0] + shift >= least_distance:
+            if new_values[0] + shift >= least_distance:
                 return values, vectors
-        values = np.append(values, more)
-        vectors = np.column_stack([vectors, others])
+        values = np.append(values, new_values)
+        vectors = np.column_stack([vectors, new_vectors])
         order = np.argsort(values)[:count]
         values = values[order]
         vectors = vectors[:, order]
 
 
-def _iterate(operator, M, shift: float, wanted: int, start: np.ndarray):
-    """The eigenvalues and vectors that Lanczos' iteration finds, at least one."""
+def _iterate_lanczos(operator, M, shift: float, wanted: int, start: np.ndarray):
+    """The eigenvalues and the vectors (f, …) that Lanczos' iteration finds.
+
+    It looks for as many as `wanted`, beginning with the vector `start`, and returns at least
+    one. Raise `SolveFailed` if it finds none.
+    """
     size = len(start)
     try:
         return eigsh(

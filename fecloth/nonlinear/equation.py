@@ -113,9 +113,10 @@ LONGEST_DIRECTION = 16.0
 def largest_step(system: System, x: np.ndarray, s: np.ndarray, t: float) -> float:
     """The largest α for which all terms allow x + α s at the time t; infinite without contact.
 
-    x and s are (n, 3) [m]. Terms limit a direction by their `limit`. A line search that doubles
-    a step needs to know an α above 1, too. With terms that couple nodes it is not looked for,
-    as their `limit` is expensive: there α is at most 1.
+    x and s are (n, 3) [m]. A term knows by its `limit` the part, at most 1, of a direction that
+    it allows. A line search that doubles a step needs to know an α above 1, too. So the limits
+    are taken for 16 s (`LONGEST_DIRECTION`). With terms that couple nodes they are not, as
+    their `limit` is expensive: there α is at most 1.
     """
     limits = [term.limit for term in system.bound if term.limits_direction]
     if not limits:
@@ -125,6 +126,7 @@ def largest_step(system: System, x: np.ndarray, s: np.ndarray, t: float) -> floa
     far = LONGEST_DIRECTION * min(limit(x, LONGEST_DIRECTION * s, t) for limit in limits)
     if far >= 1.0:
         return far
+    # Not even the whole direction is allowed: take its own limit.
     return min(limit(x, s, t) for limit in limits)
 
 
@@ -134,9 +136,9 @@ def has_limits(system: System) -> bool:
 
 
 def admit(system: System, x: np.ndarray, t: float) -> np.ndarray | None:
-    """Positions near x (n, 3) at the end of a step that all contacts allow.
+    """Positions near x (n, 3), at the end t of a step, that all contacts allow.
 
-    They are x itself without contact, and None if none were found.
+    They are the array x itself without contact, and None if none were found.
     """
     ways = [term.way(t) for term in system.bound]
     ways_of_contact = [way for way in ways if way is not None]

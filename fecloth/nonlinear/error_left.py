@@ -116,7 +116,7 @@ class ErrorLeft:
         return False
 
     @property
-    def stands(self) -> bool:
+    def stagnates(self) -> bool:
         """Whether the corrections no longer shrink, as at round-off."""
         return False
 
@@ -180,17 +180,17 @@ class ErrorInPlace(ErrorLeft):
     @property
     def is_needed(self) -> bool:
         """Whether a small residual is not enough: the corrections still shrink."""
-        return self.whole and not self.stands
+        return self.whole and not self.stagnates
 
     @property
-    def stands(self) -> bool:
+    def stagnates(self) -> bool:
         """Whether the corrections no longer shrink, as at round-off."""
         return self.whole and self.length > SLOWEST_CONTRACTION * self.before
 
     @property
     def left(self) -> float:
         """The error [m] at the end, or what round-off leaves if that is more; NaN if unknown."""
-        if self.stands:
+        if self.stagnates:
             return max(self.length, self.before)
         rounded = float(np.finfo(float).eps) * longest(self.start)
         if math.isfinite(self.error):

@@ -21,7 +21,17 @@ ROUND_OFF_OF_POSITIONS = 1e-15  # relative: a few units of the last digit
 
 
 class DerivedIncrement(NamedTuple):
-    """The derivatives at the end of an increment, and states and systems at p + ε and p − ε."""
+    """The derivatives at the end of an increment.
+
+    Attributes
+    ----------
+    end
+        The derivatives of the state and of what the terms remember.
+    states
+        The states at the end for p + ε and for p − ε.
+    over
+        The systems over the increment for p + ε and for p − ε.
+    """
 
     end: Along
     states: tuple[State, State]
@@ -45,8 +55,12 @@ class StaticTangent:
 
     @classmethod
     def at(cls, solved: SolvedIncrement) -> Self:
-        """Factorise K; raise `SolveFailed` where it is singular."""
+        """Assemble and factorise the exact K at the end of a solved increment.
+
+        Raise `SolveFailed` where it is singular.
+        """
         increment, x = solved
+        # Friction lags: its equation needs the place of its normal forces.
         lags = any(term.lags for term in increment.system.bound)
         equation = increment.equation(x if lags else None)
         system = equation.system
@@ -55,7 +69,7 @@ class StaticTangent:
         coupled = equation.couple(x, EXACT, J)
         try:
             linear.prepare(coupled)
-        except IndefiniteMatrix:  # of an unstable equilibrium
+        except IndefiniteMatrix:  # an unstable equilibrium: LU in place of Cholesky
             linear = select.direct(symmetric=False)
             linear.prepare(coupled)
         return cls(inverse(linear, equation.updates(x)))
@@ -75,20 +89,36 @@ def derive_increment(
         [f(x + ε δx; p + ε) − f(x − ε δx; p − ε)]/(2ε) = 0,
 
     where held directions are where the pins have them at p ± ε. Corrections by K⁻¹ solve it.
-    Friction has the normal forces at x ± ε δx. Raises `NoDerivative` where K is singular.
+    Friction has the normal forces at x ± ε δx. Raises `NoDerivative` where no corrections
+    converge.
+
+    Parameters
+    ----------
+    solved
+        The increment, and the equilibrium at its end for p.
+    along
+        The derivatives at the begin of the increment.
+    sides
+        The systems at p + ε and p − ε, and ε.
+    tangent
+        K⁻¹ at the end. The contractions that are measured here are added to its `known`.
+    tolerance
+        The relative error of δx.
     """
     increment, x = solved
-    plus = _Side.of(increment, along, sides.plus, sides.size)
-    minus = _Side.of(increment, along, sides.minus, -sides.size)
+    epsilon = sides.size
+    plus_side = _Side.of(increment, along, sides.plus, epsilon)
+    minus_side = _Side.of(increment, along, sides.minus, -epsilon)
 
     def residual(dx: np.ndarray) -> np.ndarray:
-        r = plus.residual(x + sides.size * dx) - minus.residual(x - sides.size * dx)
-        return r / (2 * sides.size)
+        r = plus_side.residual(x + epsilon * dx) - minus_side.residual(x - epsilon * dx)
+        return r / (2 * epsilon)
 
     def size_of(dx: np.ndarray) -> float:
         return float(np.linalg.norm(dx)) or 1.0
 
-    floor = ROUND_OFF_OF_POSITIONS * float(np.linalg.norm(x)) / sides.size
+    # The last digits of x ± ε δx change δx by this much.
+    floor = ROUND_OFF_OF_POSITIONS * float(np.linalg.norm(x)) / epsilon
     corrected = correct(
         residual,
         y=np.zeros_like(x),
@@ -101,11 +131,11 @@ def derive_increment(
     dx = corrected.y
     for name, contraction in corrected.contractions.items():
         tangent.known[name] = max(tangent.known.get(name, 0.0), contraction)
-    state_plus, over_plus, history_plus = plus.end(x + sides.size * dx)
-    state_minus, over_minus, history_minus = minus.end(x - sides.size * dx)
-    no_memory = (None, None)
+    state_plus, over_plus, history_plus = plus_side.end(x + epsilon * dx)
+    state_minus, over_minus, history_minus = minus_side.end(x - epsilon * dx)
+    no_memory = (None, None)  # a static search keeps none from step to step
     histories = (history_plus, history_minus)
-    end = Along.between(state_plus, state_minus, 2 * sides.size, no_memory, histories)
+    end = Along.between(state_plus, state_minus, 2 * epsilon, no_memory, histories)
     return DerivedIncrement(end, (state_plus, state_minus), (over_plus, over_minus))
 
 
@@ -129,6 +159,7 @@ class _Side:
 
     @classmethod
     def of(cls, increment: LoadIncrement, along: Along, system: System, size: float) -> Self:
+        """The increment for the `system` at p + `size`, begun where `along` leads by that."""
         start = along.shift(increment.start, size)
         history = shift(increment.history, along.history, size)
         at = replace(increment, system=system, start=start, history=history)

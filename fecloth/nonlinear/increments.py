@@ -116,16 +116,19 @@ class Solved(NamedTuple):
     cause: str = "round-off of the forces"
 
     def reason(self, tolerance: float | str) -> str:
-        """A sentence: why the iteration ended."""
+        """A sentence that says why the iteration ended.
+
+        `tolerance` is the option of Newton's iteration: with "auto" it ended by the error.
+        """
         residual = self.counts.residual
         if not residual:
             return "no force exceeds its round-off"
-        start = f"its residual, {residual:.1e} of the forces, is"
+        residual_is = f"its residual, {residual:.1e} of the forces, is"
         if tolerance != "auto":
-            return f"{start} below the tolerance {tolerance:g}"
+            return f"{residual_is} below the tolerance {tolerance:g}"
         if math.isnan(self.error):
             unknown = "the error of its positions is not known"
-            return f"{start} small; {unknown}, as the tangent is not definite there"
+            return f"{residual_is} small; {unknown}, as the tangent is not definite there"
         part = f"{self.error / self.moved:.1e} of the largest displacement"
         error = f"about {self.error:.1e} m, {part}"
         if self.error <= ALLOWED_OF_DISPLACEMENT * self.moved:
@@ -188,7 +191,10 @@ def over_increment(increment: LoadIncrement, place: np.ndarray | None = None) ->
 
 
 def resist_disturbances(system: System, state: State, size: float) -> System:
-    """The system about an equilibrium: friction resists a disturbance as a next increment."""
+    """The system about an equilibrium `state`, in which friction resists a disturbance.
+
+    It resists as in a next increment of the loads, of the part `size`, in which nothing moves.
+    """
     increment = LoadIncrement(
         system=system,
         start=state,
@@ -249,9 +255,10 @@ def increase_loads(
     """Increase the factor on the loads from the first to the second of `loads`.
 
     The factor is also the time of what moves, unless all stands still `at` a time. An increment
-    that is not solved is repeated in smaller ones. If no small one is solved at the begin, all
-    loads are tried at once, where the path does not count: a small load may hold a cloth less
-    than the whole. Raises `EquilibriumFailed` where the increments become too small.
+    that is not solved is halved, and doubled again after one that was solved quickly. If no
+    small increment is solved at the begin, all loads are tried at once, because a small load
+    may hold a cloth less than the whole. They are not where the equilibrium depends on the path.
+    Raises `EquilibriumFailed` where the increments become too small.
 
     Parameters
     ----------
@@ -275,31 +282,44 @@ def increase_loads(
     at
         The time at which all stands still [s]; None where pins or obstacles move.
     """
-    first, end = loads
-    reached = first
+    first_load, last_load = loads
+    reached = first_load
     x = start.x
     size = largest
-    total = Counts()
+    total_counts = Counts()
     over = system
     path = list[SolvedIncrement]()
-    tries_all = False
-    may_try_all = largest < end - first and not any(term.needs_path for term in system.bound)
-    while reached < end:
+    depends_on_path = any(term.needs_path for term in system.bound)
+    may_try_all_loads = largest < last_load - first_load and not depends_on_path
+    has_tried_all_loads = False
+    while reached < last_load:
         load = reached + size
-        if load >= end - 1e-9:  # what would be left is round-off
-            load = end
-        begin, stop = (reached, load) if at is None else (at, at)
-        here = State(start.t, x, np.zeros_like(x))
-        increment = LoadIncrement(system, here, load, load - reached, begin, stop, history)
+        if load >= last_load - 1e-9:  # what would be left is round-off
+            load = last_load
+        if at is None:
+            begin = reached
+            end = load
+        else:
+            begin = end = at
+        state_before = State(start.t, x, np.zeros_like(x))
+        increment = LoadIncrement(
+            system,
+            state_before,
+            load=load,
+            size=load - reached,
+            begin=begin,
+            end=end,
+            history=history,
+        )
         try:
             solved, over = solve_increment(increment, rate, context, report)
         except EquilibriumFailed as failure:
             size /= 2
-            if size >= SMALLEST_INCREMENT * largest and not tries_all:
+            if size >= SMALLEST_INCREMENT * largest and not has_tried_all_loads:
                 continue
-            if may_try_all and reached == first and not tries_all:
-                tries_all = True
-                size = end - reached
+            if may_try_all_loads and reached == first_load and not has_tried_all_loads:
+                has_tried_all_loads = True
+                size = last_load - reached
                 continue
             raise EquilibriumFailed(
                 f"load stepping ended at {reached:.4g} of the loads: {failure.reason}",
@@ -312,11 +332,11 @@ def increase_loads(
         path.append(SolvedIncrement(increment, solved.x))
         x = solved.x
         reached = load
-        total = total.plus(solved.counts)
+        total_counts = total_counts.plus(solved.counts)
         history = over.commit(State(start.t, x, np.zeros_like(x)), history)
         if solved.counts.newton <= QUICK_ITERATIONS:
             size = min(2 * size, largest)
-    return Increase(solved._replace(counts=total), rate, over, history, tuple(path))
+    return Increase(solved._replace(counts=total_counts), rate, over, history, tuple(path))
 
 
 def shake(
@@ -324,31 +344,32 @@ def shake(
 ) -> Increase:
     """Let the friction inside the fabric sink to zero in ten increments, under the whole loads.
 
-    The end is an equilibrium without this friction, near the place that the way there led to.
-    Returns the `Increase` with these increments.
+    The end is an equilibrium without this friction, near the one with it. Returns the
+    `increase` with these increments added to its path and counts. Raises `EquilibriumFailed`
+    where an increment is not solved.
     """
-    before = increase.path[-1].increment
+    last_increment = increase.path[-1].increment
     path = list(increase.path)
-    total = increase.solved.counts
+    total_counts = increase.solved.counts
     over = increase.over
     history = increase.history
     x = increase.solved.x
-    for left in FRICTION_LEFT:
-        here = replace(before.start, x=x)
+    for friction in FRICTION_LEFT:
+        state_before = replace(last_increment.start, x=x)
         increment = replace(
-            before,
-            start=here,
+            last_increment,
+            start=state_before,
             size=1 / len(FRICTION_LEFT),
-            begin=before.end,
+            begin=last_increment.end,  # begin and end are the same time: nothing moves
             history=history,
-            friction=left,
+            friction=friction,
         )
-        solved, over = solve_increment(increment, 0.0, context, report)
+        solved, over = solve_increment(increment, rate=0.0, context=context, report=report)
         x = solved.x
-        total = total.plus(solved.counts)
-        history = over.commit(replace(here, x=x), history)
+        total_counts = total_counts.plus(solved.counts)
+        history = over.commit(replace(state_before, x=x), history)
         path.append(SolvedIncrement(increment, x))
-    solved = solved._replace(counts=total)
+    solved = solved._replace(counts=total_counts)
     return Increase(solved, increase.rate, over, history, tuple(path))
 
 
@@ -374,79 +395,93 @@ def _solve_in_passes(
 ) -> tuple[Solved, System]:
     """Solve an increment with friction, from positions x (n, 3).
 
-    Friction has a potential while its normal forces stay as they are. So the increment is
-    solved with the normal forces at its begin, then with those at this solution, and so on. It
-    ends when the forces with the normal forces at the solution itself balance, to the tolerance
-    for the residual. The first normal forces may be far off, as where nothing touches at the
-    begin, so the first passes are short.
+    Friction has a potential while its normal forces stay as they are. So a pass solves the
+    increment with fixed normal forces: the first with those at its begin, and each further one
+    with those at the solution before. The passes end when the forces with the normal forces at
+    the solution itself balance, to the tolerance for the residual.
+
+    Returns the solution and the system over the increment, with the normal forces there. Raises
+    `EquilibriumFailed` for a pass that fails, and after too many passes or iterations.
     """
     options = context.options
     equation = increment.equation()
-    total = Counts()
+    total_counts = Counts()
     residual = math.inf
     for number in range(MOST_PASSES):
-        most = min(FIRST_PASS_ITERATIONS * 2**number, options.max_iterations)
-        short = replace(context, options=replace(options, max_iterations=most))
-        before = x
-        solved, x, counts = _solve_pass(equation, x, short, report, total.newton)
-        total = total.plus(counts)
+        # The first normal forces may be far off, as where nothing touches at the begin: so the
+        # first passes are short.
+        most_iterations = min(FIRST_PASS_ITERATIONS * 2**number, options.max_iterations)
+        short = replace(context, options=replace(options, max_iterations=most_iterations))
+        x_before = x
+        solved, x, counts = _solve_pass(equation, x, short, report, total_counts.newton)
+        total_counts = total_counts.plus(counts)
         equation = increment.equation(x)
         R, scale = equation.residual(x, 0.0)
         residual_before = residual
         residual = equation.system.sums.norm(R) / scale if scale else 0.0
         if solved and residual <= options.residual:
-            solved = solved._replace(counts=replace(total, residual=residual))
-            # The change that is left, as a part of the last change, if the passes converge.
+            solved = solved._replace(counts=replace(total_counts, residual=residual))
+            # If the passes converge, the next one changes x by a part of the last change.
             converges = residual < 0.5 * residual_before
             part = residual / residual_before if converges else 1.0
-            change = part * float(np.linalg.norm(x - before, axis=1).max())
-            if not change <= solved.error:
+            change = part * float(np.linalg.norm(x - x_before, axis=1).max())
+            if not change <= solved.error:  # larger, or the error is not known (NaN)
                 cause = "friction, which lags by one pass,"
                 solved = solved._replace(error=change, cause=cause)
             return solved, equation.system
-        if total.newton >= PASSES_OVER_ONE * options.max_iterations:
+        if total_counts.newton >= PASSES_OVER_ONE * options.max_iterations:
             break
     what = f"friction and its normal forces did not agree in {number + 1} passes"
-    reason = f"{what} of {amount(total.newton, 'iteration')}"
+    reason = f"{what} of {amount(total_counts.newton, 'iteration')}"
     raise equation.failure(reason, Point(x, R, 0.0, scale), residual)
 
 
 def _solve_pass(
-    equation: StaticEquation, x: np.ndarray, context: SolverContext, report: Report, number: int
+    equation: StaticEquation,
+    x: np.ndarray,
+    context: SolverContext,
+    report: Report,
+    iterations_before: int,
 ) -> tuple[Solved | None, np.ndarray, Counts]:
-    """The solution with the normal forces of a pass, or None; where it led (n, 3); its counts.
+    """Solve for an equilibrium with the normal forces of a pass, from positions x (n, 3).
 
-    A pass that reaches its last iteration is no failure: it led nearer. `number` are the
-    iterations of the passes before.
+    Returns the solution, the positions (n, 3) where the pass led, and its counts. A pass that
+    reaches its last iteration is no failure, because it led nearer: then the solution is None.
+    Raises `EquilibriumFailed` for any other failure. The iterations are reported after the pass,
+    with numbers that go on from the `iterations_before` in earlier passes.
     """
-    taken: list[Iteration] = []
+    iterations: list[Iteration] = []
     solved: Solved | None
     try:
-        solved = solve_static(equation, x, context, taken.append)
+        solved = solve_static(equation, x, context, iterations.append)
     except EquilibriumFailed as failure:
-        if len(taken) < context.options.max_iterations:
+        if len(iterations) < context.options.max_iterations:
             raise
         solved = None
         end = failure.state.x
-        counts = Counts(newton=len(taken))
+        counts = Counts(newton=len(iterations))
     else:
         end = solved.x
         counts = solved.counts
-    for iteration in taken:
-        report(replace(iteration, number=iteration.number + number))
+    for iteration in iterations:
+        report(replace(iteration, number=iteration.number + iterations_before))
     return solved, end, counts
 
 
 def _first_guess(
     increment: LoadIncrement, equation: StaticEquation, rate: np.ndarray | float
 ) -> np.ndarray:
-    """Positions (n, 3) [m]: the nodes go along with the pins, and on at the `rate`."""
+    """Positions (n, 3) [m] from which to solve an increment, which all contacts allow.
+
+    The nodes go along with the pins, and from there on at the `rate` [m] of the last increment.
+    Raises `EquilibriumFailed` if no such positions are found.
+    """
     x = increment.carried
     project = increment.system.constraints.project
-    way = project(np.broadcast_to(increment.size * rate, x.shape).copy())
+    further = project(np.broadcast_to(increment.size * rate, x.shape).copy())
     if not has_limits(increment.system):
-        return x + way
-    guess = admit(equation.system, x + way, increment.end)
+        return x + further
+    guess = admit(equation.system, x + further, increment.end)
     if guess is None:
         point = Point(increment.start.x, np.zeros_like(x), 0.0, 0.0)
         raise equation.failure("the pins lead the cloth into an obstacle", point, math.nan)
@@ -461,12 +496,17 @@ def solve_static(
 ) -> Solved:
     """Solve for positions in equilibrium with the loads of the equation, from x (n, 3) [m].
 
-    Raises `EquilibriumFailed`, also for a cloth that nothing holds.
+    With the tolerance "auto" the iteration ends by the error left in the positions, which the
+    result tells. `report` is called after each iteration.
+
+    Raises `EquilibriumFailed` where the iteration fails, for a cloth that nothing holds, and
+    where round-off keeps the residual above a tolerance that is a number.
     """
     is_definite = False
     guess = x
 
     def tell(progress: Progress) -> None:
+        """Report an iteration, note whether K was definite, and check how far the cloth went."""
         nonlocal is_definite
         point = progress.point
         shift = progress.remedy.shift
@@ -474,14 +514,17 @@ def solve_static(
         report(Iteration(progress.number, point.relative, shift, progress.length, equation.load))
         _check_travel(equation, guess, point, point.relative)
 
-    estimates = context.options.tolerance == "auto"
-    left = ErrorInPlace(start=equation.start.x) if estimates else None
-    x, counts = iterate(equation, context, x, report=tell, left=left)
+    error_left: ErrorInPlace | None = None
+    if context.options.tolerance == "auto":
+        error_left = ErrorInPlace(start=equation.start.x)
+    x, counts = iterate(equation, context, x, report=tell, error_left=error_left)
+    # The factor tells about K without its parts of low rank, the updates.
     is_definite = is_definite and not equation.updates(x)
-    if left:
-        counts = replace(counts, estimated=0, limited=0)
-        return Solved(x, counts, left.left, left.moved, is_definite)
-    if counts.residual > context.options.residual:  # it is round-off
+    if error_left:
+        counts = replace(counts, estimated=0, limited=0)  # `Solved.error` tells it instead
+        return Solved(x, counts, error_left.left, error_left.moved, is_definite)
+    # `iterate` accepts a residual above the tolerance if it is round-off.
+    if counts.residual > context.options.residual:
         reason = "the round-off of the forces is above the tolerance"
         remedy = (
             f"A tolerance of {2 * counts.residual:.1g} can be met; for less, take away what is "
@@ -494,16 +537,20 @@ def solve_static(
 def _check_travel(
     equation: StaticEquation, guess: np.ndarray, point: Point, residual: float
 ) -> None:
-    """Raise `EquilibriumFailed` for a cloth that goes far from the guess, as nothing holds it."""
-    way = (point.y - guess).mean(axis=0)
-    distance = float(np.linalg.norm(way))
+    """Raise `EquilibriumFailed` for a cloth that goes far away, because nothing holds it.
+
+    It is far if the nodes have moved, on average, by more than `FARTHEST_TRAVEL` extents of the
+    cloth from the `guess` (n, 3) to the `point`. `residual` is the relative one there.
+    """
+    mean_move = (point.y - guess).mean(axis=0)
+    distance = float(np.linalg.norm(mean_move))
     if distance <= FARTHEST_TRAVEL * equation.longest:
         return
-    towards = ", ".join(f"{c:.2g}" for c in way / distance)
+    towards = ", ".join(f"{c:.2g}" for c in mean_move / distance)
     has_friction = any(term.lags for term in equation.system.bound)
     what = "neither pins nor friction hold" if has_friction else "nothing holds"
     reason = f"{what} the cloth: it went {distance:.3g} m along ({towards})"
     kinds = {traits_of(term).kind for term in equation.system.terms}
-    may_have_membrane = bool(kinds & {"membrane", ""})
+    may_have_membrane = bool(kinds & {"membrane", ""})  # "": a user's term of unknown kind
     remedy = "Pin it, or take the load away." if may_have_membrane else NO_MEMBRANE
     raise equation.failure(reason, point, residual, remedy)

@@ -13,7 +13,7 @@ from fecloth.nonlinear.equation import Equation
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.progress import Progress
 from fecloth.nonlinear.statistics import Counts
-from fecloth.nonlinear.steps import STANDING_WAY, Steps
+from fecloth.nonlinear.steps import STAGNANT_MOVE, Steps
 
 # The residual is round-off if it is at most so many times the change of the residual when the
 # last digits of all numbers change. That change is a sample, at random, of a sum of round-off.
@@ -30,15 +30,17 @@ def iterate(
     y: np.ndarray,
     least: int = 0,
     report: Callable[[Progress], None] = lambda progress: None,
-    instead: np.ndarray | None = None,
-    left: ErrorLeft | None = None,
+    other_start: np.ndarray | None = None,
+    error_left: ErrorLeft | None = None,
 ) -> tuple[np.ndarray, Counts]:
-    """Iterate from y until ‖R‖ ≤ tolerance × scale, and at least `least` times.
+    """Iterate from y (n, 3) until ‖R‖ ≤ tolerance × scale, and at least `least` times.
 
-    With `left` the iteration ends also where the error left is small against the error in time.
+    Return the solution (n, 3) and the `Counts`. Raise `Equation.failure` where the iteration
+    cannot go on, or takes more than the option `max_iterations`.
 
-    If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go
-    on, or takes too long, the error is `Equation.failure`.
+    With `error_left` the iteration also ends where the error left is small against the error in
+    time. If the forces at y are not finite, it starts from `other_start`. `report` is called
+    after each iteration that found a step.
 
     Each iteration solves J s = −R with the exact matrix J or, where that is not positive
     definite or s is no improvement of any length (`line_search.find_step`), with the first
@@ -53,11 +55,11 @@ def iterate(
     iteration moved no node by 1e-7 of the extent of the cloth. If no force exceeds its
     round-off, the residual counts as 0.
     """
-    steps = Steps(equation, context, left)
-    progress = steps.begin(y, instead)
+    steps = Steps(equation, context, error_left)
+    progress = steps.begin(y, other_start)
     most = context.options.max_iterations
     while True:
-        counts = _counts_at_end(steps, progress, least)
+        counts = _counts_if_ended(steps, progress, least)
         if counts:
             return progress.point.y, counts
         if progress.failed or progress.number == most:
@@ -67,41 +69,48 @@ def iterate(
             report(progress)
 
 
-def _counts_at_end(steps: Steps, progress: Progress, least: int) -> Counts | None:
-    """The counts if the iteration ends here, or None."""
+def _counts_if_ended(steps: Steps, progress: Progress, least: int) -> Counts | None:
+    """The counts if the iteration ends here, or None if it must go on.
+
+    It ends with a small residual after at least `least` iterations, with a small error left, or
+    where the residual is round-off.
+    """
     point = progress.point
-    is_done = progress.number >= least and point.norm <= steps.goal(point)
-    if is_done and not steps.left.is_needed:
-        return _counts(steps, progress)
-    if steps.left.is_small or point.norm == 0:
-        return _counts(steps, progress)
+    has_small_residual = progress.number >= least and point.norm <= steps.goal(point)
+    if has_small_residual and not steps.error_left.is_needed:
+        return _make_counts(steps, progress)
+    if steps.error_left.is_small or point.norm == 0:
+        return _make_counts(steps, progress)
     if _may_be_round_off(steps, progress, least):
         floor = ROUND_OFF_FACTOR * steps.equation.round_off(point.y)
         if point.norm <= floor:
-            return _counts(steps, progress, floor)
+            return _make_counts(steps, progress, floor)
     return None
 
 
 def _may_be_round_off(steps: Steps, progress: Progress, least: int) -> bool:
-    """Whether to compare the residual with round-off, which takes more forces."""
+    """Whether to compare the residual with round-off, for which more forces are computed."""
     if progress.number == 0:
         return least == 0
     most = steps.context.options.max_iterations
     is_last = progress.failed or progress.number == most
-    return progress.stands or is_last or steps.left.stands
+    return progress.stagnates or is_last or steps.error_left.stagnates
 
 
-def _counts(steps: Steps, progress: Progress, floor: float = 0.0) -> Counts:
-    """The counts at the end; `floor` is the round-off of the residual where it governs."""
+def _make_counts(steps: Steps, progress: Progress, floor: float = 0.0) -> Counts:
+    """The counts at the end of the iteration; also end the step of `FactorReuse`.
+
+    `floor` is the round-off of the residual, if the iteration ends because of it.
+    """
     costs = steps.directions.costs
     steps.context.factor_reuse.end_step(costs.reused_solves, steps.directions.linear_solver)
     point = progress.point
-    met = steps.goal(point) >= point.norm
-    by_estimate = steps.left.is_small and not met
-    moves = progress.way > STANDING_WAY * steps.extent
+    meets_goal = steps.goal(point) >= point.norm
+    ends_by_error = steps.error_left.is_small and not meets_goal
+    has_moved = progress.longest_move > STAGNANT_MOVE * steps.extent
     # Round-off does no harm where the forces are little more, and moved no node.
-    at_rest = floor >= FORCES_AT_REST * point.scale and not moves
-    harmless = floor >= point.scale or at_rest
+    is_at_rest = floor >= FORCES_AT_REST * point.scale and not has_moved
+    is_harmless = floor >= point.scale or is_at_rest
     return Counts(
         newton=progress.number,
         linear=costs.linear,
@@ -109,10 +118,10 @@ def _counts(steps: Steps, progress: Progress, floor: float = 0.0) -> Counts:
         residual=point.relative if point.scale > floor else 0.0,
         seconds=costs.seconds,
         factorisations=costs.factorisations,
-        limited=int(not (met or by_estimate or harmless)),
-        estimated=int(by_estimate),
-        newton_error=steps.left.error if by_estimate else 0.0,
-        step_error=steps.left.in_time if by_estimate else 0.0,
+        limited=int(not (meets_goal or ends_by_error or is_harmless)),
+        estimated=int(ends_by_error),
+        newton_error=steps.error_left.error if ends_by_error else 0.0,
+        step_error=steps.error_left.in_time if ends_by_error else 0.0,
     )
 
 

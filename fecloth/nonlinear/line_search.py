@@ -95,26 +95,28 @@ def find_step(
         None without an improvement, or if s leads uphill, as by an indefinite matrix.
     """
     slope = sums.dot(start.R, step)
-    if not (slope < 0 or start.norm == 0):
+    if not (slope < 0 or start.norm == 0):  # also for a slope that is not a number
         return None
     energy = cache(lambda: potential(start.y) if potential else 0.0)
 
     def falls(alpha: float, end: Point) -> bool:
+        """Whether the potential falls sufficiently from the start to `end`, at α."""
         if potential is None or alpha <= tiny:
             return bool(sums.dot(end.R, step) <= -LARGEST_PUSH_BACK * slope)
         return bool(potential(end.y) <= energy() + SUFFICIENT_FALL * alpha * slope)
 
     for alpha in min(1.0, longest) * 0.5 ** np.arange(MOST_LENGTHS):
         end = at(start.y + alpha * step)
-        low = enough
+        small_enough = enough
         if potential is None:  # any fall of ‖R‖ is an improvement
-            low = max(enough, (1 - SUFFICIENT_FALL * alpha) * start.norm)
-        if end.norm <= low:
+            small_enough = max(enough, (1 - SUFFICIENT_FALL * alpha) * start.norm)
+        if end.norm <= small_enough:
             return end, float(alpha)
         if np.isfinite(end.norm) and falls(alpha, end):
             break
     else:
         return None
+    # An improvement was found. Double α while the potential is concave along s.
     limit = longest if potential else min(longest, LONGEST_DOUBLED * tiny)
     for _ in range(MOST_LENGTHS):
         is_concave = sums.dot(end.R, step) < slope

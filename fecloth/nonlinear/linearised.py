@@ -61,7 +61,8 @@ def correct(
 ) -> Corrected:
     """Solve residual(y) = 0, which is linear in y (n, 3), by y ← y − J⁻¹ residual(y).
 
-    Raises `NoDerivative` if no matrix has a factor, or GMRES does not end.
+    Return the solution, and the contraction that was measured for each solver. Raise
+    `NoDerivative` if no matrix has a factor, or if GMRES does not converge.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def correct(
     for name, prepare in solvers.items():
         try:
             solve = prepare()
-        except SolveFailed:
+        except SolveFailed:  # this matrix is singular; another one may have a factor
             continue
         expected = known.get(name, ASSUMED_CONTRACTION)
         attempt = _correct_with(solve, residual, y, expected, size_of, tolerance, floor)
@@ -120,30 +121,41 @@ def _correct_with(
     tolerance: float,
     floor: float,
 ) -> _Attempt:
-    """Correct y with one matrix, whose contraction is `expected` until it is measured."""
-    last = math.inf
-    fastest = SLOWEST_CONTRACTION
-    first = None
+    """Correct y by y ← y − J⁻¹ residual(y) with one matrix, while the corrections shrink.
+
+    `solve` is b ↦ J⁻¹ b. The contraction is the length of a correction over that of the one
+    before; it is `expected` until two corrections tell it. The other arguments are those of
+    `correct`.
+    """
+    size_before = math.inf
+    fastest_contraction = SLOWEST_CONTRACTION
+    first_contraction = None
     for _ in range(MOST_CORRECTIONS):
         try:
             step = solve(residual(y))
         except SolveFailed:
-            return _Attempt(y, False, first)
+            return _Attempt(y, is_solved=False, contraction=first_contraction)
         y = y - step
         size = float(np.linalg.norm(step))
-        is_measured = math.isfinite(last)
-        contraction = size / last if is_measured else expected
-        if is_measured and contraction < 1 and first is None:
-            first = contraction
-        error_left = size * contraction / (1 - contraction) if contraction < 1 else math.inf
+        is_measured = math.isfinite(size_before)
+        contraction = size / size_before if is_measured else expected
+        if is_measured and contraction < 1 and first_contraction is None:
+            first_contraction = contraction
+        if contraction < 1:  # the sum of all further corrections, as a geometric series
+            error_left = size * contraction / (1 - contraction)
+        else:
+            error_left = math.inf
         if size <= floor or error_left <= tolerance * size_of(y):
-            return _Attempt(y, True, first)
+            return _Attempt(y, is_solved=True, contraction=first_contraction)
         if is_measured and contraction > SLOWEST_CONTRACTION:
             break
-        last = size
-        fastest = min(fastest, contraction)
-    is_round_off = fastest < GOOD_CONTRACTION or size <= ROUND_OFF_OF_UNKNOWN * size_of(y)
-    return _Attempt(y, is_round_off, first)
+        size_before = size
+        fastest_contraction = min(fastest_contraction, contraction)
+    # Corrections that no longer shrink are round-off if the matrix is good or they are small:
+    # then y is as exact as it can be.
+    is_small = size <= ROUND_OFF_OF_UNKNOWN * size_of(y)
+    is_round_off = fastest_contraction < GOOD_CONTRACTION or is_small
+    return _Attempt(y, is_solved=is_round_off, contraction=first_contraction)
 
 
 def _by_gmres(
@@ -153,15 +165,23 @@ def _by_gmres(
     size_of: Callable[[np.ndarray], float],
     tolerance: float,
 ) -> np.ndarray:
-    """Solve residual(y) = 0 by GMRES, with differences of the residual as products."""
+    """Solve residual(y) = 0 by GMRES and return y.
+
+    Raise `NoDerivative` if it does not converge. The product of the matrix with a vector is a
+    difference of the residual, because residual(y) is linear up to a constant. `solve`, the
+    inverse of the last approximate matrix, is the preconditioner.
+    """
     r = residual(y)
 
     def product(z: np.ndarray) -> np.ndarray:
+        """The exact matrix times z (3n,)."""
         z = z.reshape(y.shape)
-        unit = size_of(y) / (np.linalg.norm(z) or 1.0)
-        return ((residual(y + unit * z) - r) / unit).ravel()
+        # A change of y as large as y itself, so that round-off does not matter.
+        scale = size_of(y) / (np.linalg.norm(z) or 1.0)
+        return ((residual(y + scale * z) - r) / scale).ravel()
 
     def precondition(b: np.ndarray) -> np.ndarray:
+        """An approximation of the inverse matrix times b (3n,)."""
         return solve(b.reshape(y.shape)).ravel()
 
     shape = (y.size, y.size)

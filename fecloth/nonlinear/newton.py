@@ -81,7 +81,10 @@ class StageEquation:
         return None
 
     def incremental_potential(self, q: np.ndarray) -> float:
-        """Φ(q) = ½ wa q·M q + q·M ã + U(x)/wx + ½ v·C v/wv, whose gradient R is."""
+        """Φ(q) = ½ wa q·M q + q·M ã + U(x)/wx + ½ v·C v/wv, whose gradient is R.
+
+        U is the sum of the energies of the terms, and v·C v the power of linear damping.
+        """
         stage = self.stage
         terms = self.system.bound
         x, v, _ = stage.at(q)
@@ -101,11 +104,15 @@ class StageEquation:
         return largest_step(self.system, self.stage.at(q)[0], self.wx * step, self.stage.t)
 
     def residual(self, q: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
-        """M a − f of the free directions, and ‖M a‖ + Σ ‖f_term‖ at the first iterate."""
+        """R = M a − f (n, 3) of the free directions [N], and the scale of the forces [N].
+
+        The scale is ‖M a‖ + Σ ‖f_term‖, reactions included, at the first iterate, where `scale`
+        is 0. Later it is returned as it is given.
+        """
         x, v, a = self.stage.at(q)
         system = self.system
         inertia = system.scalar_mass @ a
-        if scale:
+        if scale:  # only the sum of the forces is needed
             R = inertia - system.force(State(self.stage.t, x, v))
             return system.constraints.project(R), scale
         R = inertia.copy()
@@ -118,7 +125,10 @@ class StageEquation:
         return system.constraints.project(R), scale
 
     def push(self, q: np.ndarray) -> float:
-        """‖f‖ of the contacts, or ‖M a‖ if that is more; 0 where nothing touches [N]."""
+        """The size [N] of the forces at q with which `ErrorLeft.push` compares the residual.
+
+        It is ‖f‖ of the contacts, or ‖M a‖ if that is more; 0 where nothing touches.
+        """
         x, v, a = self.stage.at(q)
         f = np.zeros_like(q)
         for term in self.system.bound:
@@ -177,6 +187,7 @@ def solve(
     potential is less there, or where the forces at the guess are not finite. With contact both
     begin where `find_guess` leads. With `dt`, the size of the step [s], the tolerance "auto"
     ends the iteration by the error in time of the step; without it, by the residual.
+    `solver` has the linear solver, and its state changes.
 
     If the solver holds a factor for the same weights, its direction is tried first. The full
     step is taken if the residual falls, with a potential if it halves; otherwise a new factor
@@ -193,14 +204,18 @@ def solve(
         q, zero = _admit_starts(system, stage, [q, zero])
     if (potential := equation.potential) and potential(zero) < potential(q):
         q = zero
-    left = None
+    error_left = None
     if solver.options.tolerance == "auto" and solver.step_error and dt:
-        left = ErrorLeft(float(dt * stage.wv), float(solver.step_error.over(dt)))
-        left.push = equation.push if has_limits(system) else None
+        error_left = ErrorLeft(
+            unit=float(dt * stage.wv),
+            in_time=float(solver.step_error.over(dt)),
+            push=equation.push if has_limits(system) else None,
+        )
     solver.begin(stage.wx, stage.wa, stage.x)
     try:
-        return iterate(equation, solver, q, least=1, instead=zero, left=left)
+        return iterate(equation, solver, q, least=1, other_start=zero, error_left=error_left)
     except FeclothError:
+        # A repeated step must not depend on the factor of the failed one.
         solver.factor_reuse.drop()
         raise
 
@@ -208,9 +223,10 @@ def solve(
 def _admit_starts(
     system: System, stage: Stage, starts: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The unknowns near two starts that all contacts allow, or one of them twice.
+    """The unknowns (n, 3) near two `starts` that all contacts allow.
 
-    Raises `NewtonFailed` if there is none.
+    Where only one of the two is found, it is returned twice. Raises `NewtonFailed` if there is
+    none.
     """
     guesses = []
     for q in starts:
@@ -218,7 +234,7 @@ def _admit_starts(
         allowed = admit(system, x, stage.t)
         if allowed is None:
             continue
-        if allowed is not x:
+        if allowed is not x:  # move q, so that x(q) is where the contacts allow it
             q = q + system.constraints.project((allowed - x) / stage.wx)
         guesses.append(q)
     if not guesses:

@@ -32,9 +32,9 @@ class Progress:
         α of the last step; 0 where none was found.
     reason
         Why none was found.
-    way
-        The longest way of a node in the last step [m].
-    stands
+    longest_move
+        How far the last step moved the node that it moved most [m].
+    stagnates
         Whether the last step hardly moved the cloth and hardly changed the residual.
     cut_short
         Whether its direction is what conjugate gradients had when they met negative curvature.
@@ -50,8 +50,8 @@ class Progress:
     least_norm: float
     length: float = 1.0
     reason: str = ""
-    way: float = 0.0
-    stands: bool = False
+    longest_move: float = 0.0
+    stagnates: bool = False
     cut_short: bool = False
     slow_steps: int = 0
     pause: Pause = Pause()

@@ -94,7 +94,12 @@ class RemedySearch(NamedTuple):
         return [number for group in groups for number in self.numbers(group)]
 
     def numbers(self, group: str) -> list[int]:
-        """Numbers of the remedies in a group of `TRIED_AFTER`."""
+        """Numbers of the remedies in a group of `TRIED_AFTER`, in the order of trying.
+
+        "first" is the exact matrix, "clamped" the remedy `Remedies.clamped` while its number of
+        iterations lasts, and "others" are all from `resume` on. The last group has the remedy
+        before that of the last iteration, which is weaker, and all after it.
+        """
         count = len(self.remedies.order)
         match group:
             case "first":

@@ -78,26 +78,28 @@ def hold_stage(system: System, stage: Stage, at: State, a: np.ndarray) -> Stage:
 def prescribed(system: System, stage: Stage, state: State, dt: float, end: State) -> Stage:
     """Return the stage with its held directions at the prescribed `end` of the step.
 
-    There q̂ = (end.x − x_end)/w_end is known; it moves into x̃, ṽ and x_end. The held
-    acceleration is the change of the prescribed velocity over the step.
+    In the held directions the unknown is known: q̂ = (end.x − x_end)/w_end. It moves into x̃, ṽ
+    and x_end, so that q is 0 there. The held acceleration is the change of the prescribed
+    velocity over the step from `state`, which takes dt [s]. Raise `InputError` for a stage with
+    arrays of another shape than the positions, as a method by a user may make it.
     """
     for name in ("x", "v", "a", "x_end"):
         shape = np.shape(getattr(stage, name, 0.0))
         if shape != state.x.shape:
             what = f"stage.{name} of shape {shape}"
             raise InputError(what, f"must be {state.x.shape}", "step")
-    held = system.constraints.held_part
-    at = system.constraints.nodes
-    if not len(at):
+    held_part = system.constraints.held_part
+    held_nodes = system.constraints.nodes
+    if not len(held_nodes):
         return stage
-    q = np.zeros_like(stage.x)
-    a = np.zeros_like(stage.x)
-    q[at] = held((end.x - stage.x_end) / stage.w_end)
-    a[at] = held((end.v - state.v) / dt - stage.a)
+    held_q = np.zeros_like(stage.x)
+    added_a = np.zeros_like(stage.x)
+    held_q[held_nodes] = held_part((end.x - stage.x_end) / stage.w_end)
+    added_a[held_nodes] = held_part((end.v - state.v) / dt - stage.a)
     return replace(
         stage,
-        x=stage.x + stage.wx * q,
-        v=stage.v + stage.wv * q,
-        a=stage.a + a,
-        x_end=stage.x_end + stage.w_end * q,
+        x=stage.x + stage.wx * held_q,
+        v=stage.v + stage.wv * held_q,
+        a=stage.a + added_a,
+        x_end=stage.x_end + stage.w_end * held_q,
     )

@@ -67,14 +67,18 @@ class StaticEquation:
 
     @cached_property
     def remedies(self) -> Remedies:
-        """K, and definite K with σ M; the first σ moves the cloth by a tenth of its extent."""
+        """The exact K, and then definite K + σ M with growing σ.
+
+        The σ to begin with is so large that σ M alone would hold the cloth: then the forces at
+        the start move it by a tenth of its extent. Smaller ones are for later iterations.
+        """
         f, _ = self.forces(self.start)
-        mean = np.linalg.norm(f, axis=1).sum() / self.system.nodal_mass.sum()
-        first = 10 * float(mean) / self.longest
-        shifted = (Remedy(first * 4.0**n, definite=True) for n in SHIFT_POWERS)
+        mean_acceleration = np.linalg.norm(f, axis=1).sum() / self.system.nodal_mass.sum()
+        first_shift = 10 * float(mean_acceleration) / self.longest
+        shifted = (Remedy(first_shift * 4.0**n, definite=True) for n in SHIFT_POWERS)
         return Remedies(
             order=(Remedy(0.0, definite=False), *shifted),
-            second=1 + SHIFT_POWERS.index(0),
+            second=1 + SHIFT_POWERS.index(0),  # the one with 4⁰, after the exact K
         )
 
     @cached_property
@@ -104,7 +108,10 @@ class StaticEquation:
         return State(self.t, x, np.zeros_like(x))
 
     def forces(self, state: State) -> tuple[np.ndarray, float]:
-        """f of the free directions (n, 3), and Σ ‖f_term‖ with what the pins hold."""
+        """The force f (n, 3) [N] of the free directions, and the scale Σ ‖f_term‖ [N].
+
+        The scale also counts the forces on held directions, which the pins take.
+        """
         total = np.zeros_like(state.x)
         scale = 0.0
         for term, factor, t in self.terms():
@@ -157,11 +164,16 @@ class StaticEquation:
     def failure(
         self, reason: str, point: Point, residual: float, remedy: str = ""
     ) -> EquilibriumFailed:
-        """The error; it says how many triangles are slack, which is the usual cause."""
+        """The error to raise where the iteration ended, at a point with a relative `residual`.
+
+        The `reason` is completed by the number of slack triangles, the usual cause. Without a
+        `remedy` it has the one that fits the terms.
+        """
         stretches = principal_stretches(self.system.cloth, point.y)
-        slack = int((stretches.max(axis=1) < 1 - 1e-9).sum())
+        slack = int((stretches.max(axis=1) < 1 - 1e-9).sum())  # not by round-off
         has_contact = equation.has_limits(self.system)
-        if slack > (HARMLESS_SLACK * len(stretches) if has_contact else 0):
+        most_harmless = HARMLESS_SLACK * len(stretches) if has_contact else 0
+        if slack > most_harmless:
             reason += f"; {slack} of {len(stretches)} triangles are slack in every direction"
         if not remedy and any(term.needs_path for term in self.system.bound):
             remedy = (

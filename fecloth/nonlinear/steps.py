@@ -23,12 +23,12 @@ from fecloth.nonlinear.remedies import Remedy, RemedySearch
 # An iteration may have met round-off if it left more than this part of the residual …
 STALLED_RESIDUAL = 0.25
 # … and if it moved no node by more than this part of the extent of the cloth.
-STANDING_WAY = 1e-7
+STAGNANT_MOVE = 1e-7
 # Of the extent of the cloth: on shorter steps round-off hides the change of the potential.
-TINY_WAY = 1e-6
+TINY_MOVE = 1e-6
 # A solve that was cut short may go so many times the way of the last step, if that was a whole
 # one. Its direction is one of descent, but its length means little.
-LONGER_WAY = 2.0
+LONGER_MOVE = 2.0
 # A whole step with mass in its matrix is slow if it leaves more than this part of the residual;
 # after so many slow steps in a row, conjugate gradients refine the direction.
 SLOW_RESIDUAL = 0.5
@@ -44,12 +44,14 @@ class Steps:
     factor, and the estimate of the error left have a memory of their own.
     """
 
-    def __init__(self, equation: Equation, context: SolverContext, left: ErrorLeft | None = None):
+    def __init__(
+        self, equation: Equation, context: SolverContext, error_left: ErrorLeft | None = None
+    ):
         self.equation = equation
         self.system = equation.system
         self.context = context
-        self.left = left or ErrorLeft()
-        self.tolerance = self.left.goal or context.options.residual
+        self.error_left = error_left or ErrorLeft()
+        self.tolerance = self.error_left.goal or context.options.residual
         self.directions = Directions(equation, context, self.tolerance)
         self.extent = float(np.ptp(self.system.cloth.X, axis=0).max())
 
@@ -62,40 +64,49 @@ class Steps:
         """The residual at which the iteration may end."""
         return self.tolerance * point.scale
 
-    def way(self, step: np.ndarray) -> float:
-        """The longest way of a node along a step of the unknown [m]."""
+    def longest_move(self, step: np.ndarray) -> float:
+        """How far a step (n, 3) of the unknown moves the node that it moves most [m]."""
         return self.equation.wx * float(abs(step).max())
 
-    def begin(self, y: np.ndarray, instead: np.ndarray | None = None) -> Progress:
-        """The progress before the first iteration, at y or, if that is not finite, `instead`."""
-        point = self.at(y, 0.0)
-        if instead is not None and not np.isfinite(point.norm):
-            point = self.at(instead, 0.0)
-        return Progress(0, point, RemedySearch.begin(self.equation.remedies), point.norm)
+    def begin(self, y: np.ndarray, other_start: np.ndarray | None = None) -> Progress:
+        """The progress before the first iteration.
+
+        It is at y (n, 3) or, if the forces there are not finite, at `other_start`.
+        """
+        point = self.at(y, scale=0.0)
+        if other_start is not None and not np.isfinite(point.norm):
+            point = self.at(other_start, scale=0.0)
+        search = RemedySearch.begin(self.equation.remedies)
+        return Progress(number=0, point=point, search=search, least_norm=point.norm)
 
     def advance(self, before: Progress) -> Progress:
-        """The progress after one more iteration."""
+        """The progress after one more iteration, also recorded in the error left.
+
+        It tries a step with the old factor, if one is held and may be used, and else a step with
+        a new matrix, exact or with a remedy. If that finds no step, the length of the last step
+        is 0, and its `reason` says why.
+        """
         if not np.isfinite(before.point.norm):
             after = replace(before, length=0.0, reason="the forces are not finite")
         else:
             after = self.step_with_old_factor(before) or self.step_with_remedies(before)
-        way = self.way(after.point.y - before.point.y)
+        longest_move = self.longest_move(after.point.y - before.point.y)
         is_slow = self.is_slow(before, after)
         after = replace(
             after,
             number=before.number + 1,
             least_norm=min(before.least_norm, after.point.norm),
-            way=way,
-            stands=self.stands(before.point, after.point, way),
+            longest_move=longest_move,
+            stagnates=self.stagnates(before.point, after.point, longest_move),
             slow_steps=before.slow_steps + 1 if is_slow else 0,
         )
         self.record_error(before, after)
         return after
 
-    def stands(self, before: Point, point: Point, way: float) -> bool:
-        """Whether a step hardly moved the cloth and hardly changed the residual."""
-        stalled = max(STALLED_RESIDUAL * before.norm, self.goal(point)) < point.norm
-        return stalled and way <= STANDING_WAY * self.extent
+    def stagnates(self, before: Point, after: Point, longest_move: float) -> bool:
+        """Whether a step hardly moved the cloth and left much of the residual."""
+        left_much = after.norm > max(STALLED_RESIDUAL * before.norm, self.goal(after))
+        return left_much and longest_move <= STAGNANT_MOVE * self.extent
 
     def is_slow(self, before: Progress, after: Progress) -> bool:
         """Whether a whole step with mass in its matrix left much of the residual."""
@@ -105,26 +116,31 @@ class Steps:
         return bool(may_refine and is_whole_with_mass and left_much)
 
     def record_error(self, before: Progress, after: Progress) -> None:
-        """Record a step in the estimate of the error left."""
+        """Record a step in the estimate of the error left.
+
+        A step that was shortened, or held back by a remedy, tells nothing about that error.
+        """
         held_back = bool(after.remedy.shift or after.cut_short)
         if self.equation.takes_short_solves:  # with clamped tangents too, which may be many
             held_back = held_back or after.search.last > 0
-        whole = after.length == 1.0 and not held_back
+        is_whole = after.length == 1.0 and not held_back
         point = after.point
-        self.left.correct(self.system, point.y - before.point.y, whole)
-        self.left.move(point.y, point.norm, point.scale)
+        self.error_left.correct(self.system, point.y - before.point.y, is_whole)
+        self.error_left.move(point.y, point.norm, point.scale)
 
     def step_with_old_factor(self, before: Progress) -> Progress | None:
-        """A whole step with an old factor; None without one, or if R falls too little.
+        """The progress after a whole step with an old factor, or None.
 
-        The factor must be the one of the remedy that is next weaker than the last one.
+        None if no factor is held of the remedy that is next weaker than the last one, if the
+        step leads into an obstacle, or if ‖R‖ falls too little. It must fall, and with a
+        potential to a half, because that might rise while the residual falls.
         """
         point = before.point
         search = before.search.take(max(before.search.last - 1, 0))
         step = self.directions.find_with_old_factor(point, search.remedy)
         if step is None:
             return None
-        if self.equation.largest_step(point.y, step) < 1.0:  # it leads into an obstacle
+        if self.equation.largest_step(point.y, step) < 1.0:
             return None
         end = self.at(point.y + step, point.scale)
         self.context.factor_reuse.record_iteration(
@@ -132,10 +148,8 @@ class Steps:
             to_go=self.to_go(point, end),
             linear=self.directions.linear_solver,
         )
-        most = point.norm
-        if self.equation.potential:  # which might rise while the residual falls
-            most = 0.5 * point.norm
-        if not end.norm < most:
+        norm_to_reach = 0.5 * point.norm if self.equation.potential else point.norm
+        if not end.norm < norm_to_reach:
             return None
         return replace(before, point=end, length=1.0, search=search, cut_short=False)
 
@@ -143,12 +157,15 @@ class Steps:
         """The goal over the residual, or the allowed error over that left if it is nearer."""
         if not point.norm:
             return 1.0
-        length = self.left.measure(self.system, point.y - before.y)
-        to_go = self.left.to_go(length * point.norm / before.norm)
+        length = self.error_left.measure(self.system, point.y - before.y)
+        to_go = self.error_left.to_go(length * point.norm / before.norm)
         return max(self.goal(point) / point.norm, to_go)
 
     def step_with_remedies(self, before: Progress) -> Progress:
-        """A step with the first remedy that leads to an improvement; of length 0 without any."""
+        """The progress after a step with the first remedy that leads to an improvement.
+
+        If none does, the length of the step is 0, and `reason` says why the last one failed.
+        """
         reason = ""
         for number in before.search.to_try():
             search = before.search.take(number)
@@ -163,11 +180,15 @@ class Steps:
                 continue
             point, length = improvement
             after = replace(before, point=point, length=length, search=search, cut_short=cut_short)
-            return self.explore(before, step, after) if number == 0 else after
+            if number == 0:  # the exact matrix
+                return self.explore(before, step, after)
+            return after
         return replace(before, length=0.0, reason=reason)
 
     def find_direction(self, before: Progress, remedy: Remedy) -> tuple[np.ndarray, bool]:
-        """The direction with a remedy, and whether its solve was cut short.
+        """The direction (n, 3) with a remedy, and whether its solve was cut short.
+
+        Raises `SolveFailed` where the matrix has no factor or no solution.
 
         Where conjugate gradients find that J is not definite, their iterate is a direction of
         descent, shorter than s (Nocedal and Wright 2006, algorithm 7.1). It is taken if the
@@ -187,32 +208,35 @@ class Steps:
 
     def shorten(self, step: np.ndarray, before: Progress) -> np.ndarray:
         """The step, or the part of it that moves no node much farther than the last step did."""
-        longest = before.way
+        allowed_move = before.longest_move
         if before.length >= 1.0:
-            longest *= LONGER_WAY
-        way = self.way(step)
-        if longest and way:
-            return step * min(1.0, longest / way)
+            allowed_move *= LONGER_MOVE
+        move = self.longest_move(step)
+        if allowed_move and move:
+            return step * min(1.0, allowed_move / move)
         return step
 
     def search_along(self, before: Progress, step: np.ndarray) -> tuple[Point, float] | None:
         """An improvement along the step and its α, by a line search; None without one."""
         point = before.point
-        way = self.way(step) or 1.0
-        farthest = self.equation.longest / way
+        move = self.longest_move(step) or 1.0  # of the whole step; 1 m for a step of zeros
+        largest_part = self.equation.longest / move
         return find_step(
             self.system.sums,
-            partial(self.at, scale=point.scale),
-            point,
-            step,
+            at=partial(self.at, scale=point.scale),
+            start=point,
+            step=step,
             enough=max(self.goal(point), 0.5 * before.least_norm),
             potential=self.equation.potential,
-            longest=min(farthest, self.equation.largest_step(point.y, step)),
-            tiny=TINY_WAY * self.extent / way,
+            longest=min(largest_part, self.equation.largest_step(point.y, step)),
+            tiny=TINY_MOVE * self.extent / move,
         )
 
     def explore(self, before: Progress, step: np.ndarray, searched: Progress) -> Progress:
-        """The end of a few whole Newton steps where that is lower than `searched`.
+        """The progress at the end of a few whole Newton steps, or else at `searched`.
+
+        `searched` is the progress after the line search along `step`. The whole steps begin at
+        `before`, and their end is taken where the potential is lower.
 
         A sheet that is stiff in its plane stretches where a step turns it, so that a line search
         allows only short steps. The next steps take this stretch back (the watchdog technique of
@@ -225,22 +249,27 @@ class Steps:
             return searched
         if pause.left > 0:
             return replace(searched, pause=replace(pause, left=pause.left - 1))
-        lowest = potential(searched.point.y)
+        potential_of_search = potential(searched.point.y)
         for point in self.whole_steps(before.point, step):
-            if potential(point.y) <= lowest:
+            if potential(point.y) <= potential_of_search:
                 return replace(searched, point=point, length=1.0, pause=Pause())
-        length = 2 * pause.length or 1
-        return replace(searched, pause=Pause(left=length, length=length))
+        pause_length = 2 * pause.length or 1
+        return replace(searched, pause=Pause(left=pause_length, length=pause_length))
 
     def whole_steps(self, point: Point, step: np.ndarray) -> Iterator[Point]:
-        """The ends of whole Newton steps with the exact matrix, of which `step` is the first."""
+        """Yield the ends of whole Newton steps with the exact matrix; the first one is `step`.
+
+        A step is shortened only where it would move a node by more than `Equation.longest`. The
+        steps end after `MOST_WHOLE_STEPS`, where the matrix has no factor, and where the forces
+        are not finite.
+        """
         for number in range(MOST_WHOLE_STEPS):
             if number > 0:
                 try:
                     step = self.directions.find(point, self.directions.exact)
                 except SolveFailed:
                     return
-            part = min(1.0, self.equation.longest / self.way(step))
+            part = min(1.0, self.equation.longest / self.longest_move(step))
             point = self.at(point.y + part * step, point.scale)
             if not np.isfinite(point.norm):
                 return

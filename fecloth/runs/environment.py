@@ -26,15 +26,17 @@ def versions() -> dict[str, str]:
 def peak_memory() -> float | None:
     """Return the peak memory of this process so far [MB = 10⁶ bytes]; None on Windows."""
     status = Path("/proc/self/status")
-    if status.exists():  # Linux: getrusage would count the memory of the parent process
+    # On Linux getrusage would count the memory of the parent process; the line VmHWM [KiB] has
+    # the "high water mark" of this process alone.
+    if status.exists():
         for line in status.read_text().splitlines():
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) * 1024 / 1e6
     try:
         import resource
-    except ImportError:
+    except ImportError:  # Windows
         return None
-    unit = 1 if sys.platform == "darwin" else 1024
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes: macOS counts bytes, others KiB
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 

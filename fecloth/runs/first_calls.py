@@ -62,23 +62,26 @@ def compile_kernels(problem: Setup) -> None:
 
 
 def list_first_calls(problem: Setup) -> list[FirstCall]:
-    """List the calls for all that a run calls in a step, and when it records one."""
+    """List a call of each function with kernels that a run calls in a step or to record it."""
     system = problem.system
     start = problem.start
     method = find_method(problem)
-    if method.traits.explicit:
-        J = None
-    else:
-        J = BlockMatrix.zeros(system.pattern)
-    over = make_system_over_step(problem, method)
+    system_over_step = make_system_over_step(problem, method)
+    J = None if method.traits.explicit else BlockMatrix.zeros(system.pattern)
     calls = list_calls_of_records(problem)
-    for name, term, acting in zip(system.names, system.bound, over.bound, strict=True):
+    terms = zip(system.names, system.bound, system_over_step.bound, strict=True)
+    for name, term, term_over_step in terms:
         calls += list_calls_of_term(name, term, start, J)
-        if acting is not term:
-            calls += list_calls_of_term(f"{name} over a step", acting, start, J)
-    if J is not None:
-        calls.append(FirstCall("mass", system.assemble, (J, start, 0.0, 0.0, 1.0)))
-    if J is not None and system.is_whole:  # else PETSc solves, in whose processes are no kernels
+        # Contact and friction, for example, become other objects over a step.
+        if term_over_step is not term:
+            calls += list_calls_of_term(f"{name} over a step", term_over_step, start, J)
+    if J is None:
+        return calls
+    weights_of_mass_alone = (0.0, 0.0, 1.0)  # wx, wv and wa: the matrix is M
+    arguments = (J, start, *weights_of_mass_alone)
+    calls.append(FirstCall("mass", system.assemble, arguments))
+    # Several processes solve by PETSc, which calls no kernels.
+    if system.is_whole:
         calls += list_calls_of_solvers(problem, method)
     return calls
 
@@ -94,20 +97,33 @@ def find_method(problem: Setup) -> Any:
 
 
 def make_system_over_step(problem: Setup, method: Any) -> System:
-    """Return the system with the terms as the method evaluates them over the first step."""
+    """Return the system with the terms as the method evaluates them over the first step.
+
+    Where dt is chosen during the run, this step is as long as the whole run: the kernels depend
+    on the types of numbers, not on their values.
+    """
     system = problem.system
     start = problem.start
     history = system.start_history(start)
     if isinstance(method, LoadSteps):
         end = start.t + method.dt
-        increment = LoadIncrement(system, start, 1.0, method.dt, start.t, end, history)
+        increment = LoadIncrement(
+            system,
+            start,
+            load=1.0,
+            size=method.dt,
+            begin=start.t,
+            end=end,
+            history=history,
+        )
         return over_increment(increment)
     assert problem.t_end is not None
     dt = problem.steps.dt or problem.t_end - start.t
     if isinstance(method, StageMethod):
-        records = () if history is None else (history,)  # which an older class may not take
-        over: System = method.over_step(system, start, dt, *records)
-        return over
+        # A user's method of an older fecloth may have no argument for the history.
+        arguments = () if history is None else (history,)
+        system_over_step: System = method.over_step(system, start, dt, *arguments)
+        return system_over_step
     difference = StepDifference.between(start.x, dt, start.t)
     return system.over_step(difference, history, rates=method.traits.has_difference)
 
@@ -115,7 +131,11 @@ def make_system_over_step(problem: Setup, method: Any) -> System:
 def list_calls_of_term(
     name: str, term: BoundTerm, state: State, J: BlockMatrix | None
 ) -> list[FirstCall]:
-    """List the calls of a bound term; without a matrix J no tangents."""
+    """List the calls of a bound term: force, energy, power, limit and, if J is given, tangents.
+
+    J is the matrix to which the tangents are added; None for an explicit method. `name` is the
+    name of the term, and `state` the one at which it is evaluated.
+    """
     x = state.x
     v = state.v
     t = state.t
@@ -128,16 +148,18 @@ def list_calls_of_term(
         calls.append(FirstCall(f"{name}.limit", term.limit, (x, np.zeros_like(x), t)))
     if J is None:
         return calls
-    for definite in (False, True):
-        at = x, v, t, 1.0, 1.0
-        calls.append(FirstCall(f"{name}.add_tangent", term.add_tangent, (*at, J, definite)))
+    for definite in (False, True):  # the exact tangent, and the clamped one
+        place_and_weights = (x, v, t, 1.0, 1.0)  # the weights wx and wv of the tangents
+        arguments = (*place_and_weights, J, definite)
+        calls.append(FirstCall(f"{name}.add_tangent", term.add_tangent, arguments))
         if term.couples_nodes:
-            calls.append(FirstCall(f"{name}.coupling", term.coupling, (*at, definite)))
+            arguments_of_coupling = (*place_and_weights, definite)
+            calls.append(FirstCall(f"{name}.coupling", term.coupling, arguments_of_coupling))
     return calls
 
 
 def list_calls_of_records(problem: Setup) -> list[FirstCall]:
-    """List the calls that make rows of the tables, frames, and the estimates of the errors."""
+    """List the calls that make rows of the tables and frames, and that estimate errors."""
     system = problem.system
     start = problem.start
     cloth = problem.cloth
@@ -150,10 +172,10 @@ def list_calls_of_records(problem: Setup) -> list[FirstCall]:
         FirstCall("rms_without_rigid", rms_without_rigid, (mass, start.x, start.x)),
         FirstCall("hinge_angles", hinge_angles, (cloth, start.x)),
     ]
-    at = start.x, start.t
     for name, term in system.named:
         if term.recovers_strain:
-            calls.append(FirstCall(f"{name}.strain_error", term.strain_error, at))
+            arguments = (start.x, start.t)
+            calls.append(FirstCall(f"{name}.strain_error", term.strain_error, arguments))
     return calls
 
 

@@ -25,7 +25,11 @@ class Table:
     """
 
     def __init__(self, path: Path, size: int | None = None):
-        """Open a new table, or an earlier one truncated to `size` bytes."""
+        """Open a new table, or an earlier one truncated to its first `size` bytes.
+
+        The header of an earlier table is read, because further rows must have its keys. Raise
+        `WriteError` if the file cannot be opened.
+        """
         self.path = path
         self.size = size or 0
         self._header: tuple[str, ...] = ()
@@ -34,17 +38,20 @@ class Table:
                 os.truncate(path, size)
                 with path.open(newline="", encoding="utf-8") as stream:
                     self._header = tuple(next(csv.reader(stream)))
+            # Without a buffer the system has each row at once: a killed process loses none.
             self._stream = path.open("ab" if size else "wb", buffering=0)
 
     def add(self, row: Mapping[str, object]) -> None:
-        """Write one row.
+        """Write one row; the first row of a new table also gives the header.
 
-        Raises `InputError` if its keys are not the keys of the first row, or the disk is full.
+        Raise `InputError` if its keys are not the keys of the first row, and `WriteError`, which
+        is an `InputError`, if the disk is full. Then no part of the row is left in the file.
         """
         header = self._header or tuple(row)
         if row.keys() != set(header):
-            odd = ", ".join(sorted(row.keys() ^ set(header)))
-            raise InputError(f"keys {odd}", "must be the keys of the first row", str(self.path))
+            different_keys = ", ".join(sorted(row.keys() ^ set(header)))
+            what = f"keys {different_keys}"
+            raise InputError(what, "must be the keys of the first row", str(self.path))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         if not self._header:
@@ -53,10 +60,11 @@ class Table:
         data = text.getvalue().encode()
         with writing(self.path):
             try:
-                while data:  # an almost full disk takes a part
-                    data = data[self._stream.write(data) :]
-            except BaseException:
-                with suppress(OSError):  # report the first error
+                while data:  # an almost full disk takes only a part at a time
+                    written = self._stream.write(data)
+                    data = data[written:]
+            except BaseException:  # also a signal in the middle of a row
+                with suppress(OSError):  # the first error is the one to report
                     self.cut(self.size)
                 raise
         self._header = header
@@ -104,12 +112,15 @@ class RunFolder:
     inode: int | None = None
 
     def check_in_place(self) -> None:
-        """Raise `FolderMoved` if this is no longer the folder that was opened."""
+        """Raise `FolderMoved` if the path no longer leads to the folder that was opened.
+
+        The folder is known by its inode, a number that it keeps when it is moved.
+        """
         try:
-            inode = self.path.stat().st_ino
+            inode_now = self.path.stat().st_ino
         except OSError:
-            inode = -1
-        if self.inode not in (None, inode):
+            inode_now = -1  # no folder is there
+        if self.inode not in (None, inode_now):
             remedy = (
                 "What was written is in it under its new name, where --resume continues the run."
             )
@@ -131,7 +142,11 @@ class RunFolder:
 
     @classmethod
     def reopen(cls, path: str | Path, tables: Mapping[str, int]) -> "RunFolder":
-        """Return the folder of a run to continue; each table is cut to its number of bytes."""
+        """Return the folder of a run to continue.
+
+        `tables` has the name of each table and its number of bytes, to which `table` cuts it.
+        Raise `InputError` for a table that is shorter, and `WriteError` for one that is missing.
+        """
         folder = cls(Path(path), dict(tables))
         for name, size in tables.items():
             file = folder.path / f"{name}.csv"
@@ -143,9 +158,14 @@ class RunFolder:
 
     @staticmethod
     def refuse(path: str | Path, overwrite: bool = False) -> None:
-        """Raise the `InputError` of `create` for a folder that is not empty; change nothing."""
+        """Raise `InputError` if `create` would refuse this folder; change nothing.
+
+        A folder that is not empty is refused without `overwrite`, and with it if it holds no
+        run: so no other files are ever removed.
+        """
         path = Path(path)
         with writing(path):
+            # A folder with nothing but the lock of this process counts as empty.
             if not path.exists() or {LOCK} >= {file.name for file in path.iterdir()}:
                 return
             if not overwrite:
@@ -186,11 +206,14 @@ class RunFolder:
 
 @contextmanager
 def remove_on_failure(path: Path, is_new: bool) -> Iterator[None]:
-    """Remove a run's files if the block raises; also the folder if it `is_new`, of this run."""
+    """Remove the files of a run from the folder `path` if the block raises.
+
+    If the folder `is_new`, made by this run, it is removed, too. The error passes on.
+    """
     try:
         yield
     except BaseException:
-        with suppress(OSError):
+        with suppress(OSError):  # the error of the block is the one to report
             _clear(path)
             if is_new:
                 (path / LOCK).unlink(missing_ok=True)
@@ -208,11 +231,16 @@ def _clear(path):
 
 
 def _files_of_run(path):
-    """Yield the files that fecloth wrote; the tables, which tell a run's folder, are the last."""
+    """Yield the files that fecloth wrote into a run's folder, also half written ones (.part).
+
+    The tables are the last: `RunFolder.refuse` knows a run's folder by them, so a removal that
+    is interrupted can be repeated.
+    """
     for pattern in LISTS:
         for file in [*path.glob(pattern), *path.glob(f"{pattern}.part")]:
-            text = file.read_bytes()
-            if any(f'"frames/{name}'.encode() in text for name in FRAMES):
+            content = file.read_bytes()
+            # Only a list that names frames of a run: the user's own lists stay.
+            if any(f'"frames/{name}'.encode() in content for name in FRAMES):
                 yield file
     for name in FRAMES:
         for suffix in ("vtu", "vtu.part"):
@@ -224,7 +252,11 @@ def _files_of_run(path):
 
 
 def _plain(value):
-    """Return the value in JSON's types; a number that is not finite becomes None."""
+    """Return the value in JSON's types.
+
+    Arrays and tuples become lists, a number that is not finite becomes None, and an object of
+    any other class becomes its text.
+    """
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -34,22 +34,22 @@ def stop_at_once(number: int, frame: object) -> None:
 
 @contextmanager
 def interruptible() -> Iterator[threading.Event]:
-    """Yield an event that a signal sets, to stop between two steps.
+    """Yield an event that a signal sets, so that a run can stop between two steps.
 
-    A second signal stops at once. At the end the earlier handlers return, unless another one was
-    set in between.
+    A second signal raises `Interrupted` at once. At the end the handlers of before are set
+    again, unless another one was set in between.
     """
-    requested = threading.Event()
+    stop_requested = threading.Event()
 
-    def request(number, frame):
-        if requested.is_set():
+    def request_stop(number, frame):
+        if stop_requested.is_set():
             raise Interrupted("at once; --resume goes on from what it left")
-        requested.set()
+        stop_requested.set()
 
-    before = set_handler(request)
+    handlers_before = set_handler(request_stop)
     try:
-        yield requested
+        yield stop_requested
     finally:
-        for number, handler in before.items():
-            if signal.getsignal(number) is request:
+        for number, handler in handlers_before.items():
+            if signal.getsignal(number) is request_stop:
                 signal.signal(number, handler)

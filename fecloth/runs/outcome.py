@@ -91,7 +91,11 @@ def place_in_words(t: float, unit: str) -> str:
 
 
 def finished_message(outcome: SceneResult) -> str:
-    """Return the errors of a run in time and space, its cost, and the file to open."""
+    """Return lines about a finished run: its shape, its errors, its cost, the file to open.
+
+    The errors in time and in space are among the words of its accounts. The last line also
+    tells how many warnings there were.
+    """
     summary = outcome.summary
     lines = [_shape_message(summary), *outcome.accounts.words()]
     steps = amount(summary["steps"], "step")
@@ -100,13 +104,17 @@ def finished_message(outcome: SceneResult) -> str:
     threads = summary.get("threads", 1)
     if threads > 1:
         cost += f" on {threads} threads"
-    opens = outcome.folder / summary["open"]
-    lines.append(f"{cost}; open {opens} in ParaView{warning_count(outcome)}")
+    file_to_open = outcome.folder / summary["open"]
+    lines.append(f"{cost}; open {file_to_open} in ParaView{warning_count(outcome)}")
     return "\n".join(lines)
 
 
 def _shape_message(summary: Mapping) -> str:
-    """Return the stretches, and how many triangles are turned over or intersect."""
+    """Return in words the stretches of a run, and the triangles turned over or intersecting.
+
+    `summary` is the content of summary.json. Its pairs are None if the scene does not count
+    intersections.
+    """
     least = summary["least_stretch"]
     largest = summary["largest_stretch"]
     stretch = f"stretch {least:.4g} to {largest:.4g}"
@@ -128,27 +136,31 @@ def warning_count(outcome: SceneResult) -> str:
 
 
 def failure_message(outcome: SceneResult) -> str:
-    """Return why a run ended early, what is readable, and from where it can go on."""
+    """Return in words why a run ended early, what is readable, and where it can go on.
+
+    It can go on if it was interrupted, or if a file could not be written. After another failure
+    it would fail again at the same step, so that no restart is offered.
+    """
     folder = outcome.folder
     t = outcome.summary["t"]
     unit = outcome.summary["unit"]
     readable = f"{folder} is readable up to {place_in_words(t, unit)}"
     again = f"--resume {folder} goes on from"
-    if isinstance(outcome.error, FolderMoved):
+    if isinstance(outcome.error, FolderMoved):  # nothing is readable at this path
         return f"failed: {outcome.error}"
     if outcome.error and not isinstance(outcome.error, WriteError):
         return f"failed: {outcome.error}\n{readable}{warning_count(outcome)}"
     if outcome.resumes is None:
-        goes = "no restart file was written; set restart_steps in [output] to have them"
+        advice = "no restart file was written; set restart_steps in [output] to have them"
     elif outcome.error:
-        goes = f"{again} its last restart file, at {place_in_words(outcome.resumes, unit)}"
+        advice = f"{again} its last restart file, at {place_in_words(outcome.resumes, unit)}"
     elif outcome.resumes < t:
         place = place_in_words(outcome.resumes, unit)
-        goes = f"{again} {place}, the last restart that continues bit for bit"
+        advice = f"{again} {place}, the last restart that continues bit for bit"
     else:
-        goes = f"{again} there"
+        advice = f"{again} there"
     cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "
-    return f"{cause}{readable}; {goes}{warning_count(outcome)}"
+    return f"{cause}{readable}; {advice}{warning_count(outcome)}"
 
 
 def ledger_text(ledger: Ledger, unit: str = " s") -> str:

@@ -73,7 +73,29 @@ ORDER = (  # of the keys of summary.json; keys of other accounts follow
 
 
 class Recorder:
-    """The files and the progress of a run."""
+    """The files and the progress of a run.
+
+    A new run gets its first frame and its first rows when the recorder is made, and a continued
+    run loses what was written after its restart file. `march` then takes and records the steps,
+    and `close` writes what belongs to the end.
+
+    Parameters
+    ----------
+    folder
+        The folder of the run.
+    problem
+        The objects of the scene.
+    watch
+        Counts the wall seconds of the run.
+    solver
+        The solvers that the steps share.
+    scene, start
+        The resolved scene, and the `digest` of the mesh and the start, for restart files.
+    earlier
+        The restart from which a run continues; None for a new run.
+    doubts_before_run
+        The doubts that were found before the first step.
+    """
 
     def __init__(
         self,
@@ -83,8 +105,8 @@ class Recorder:
         solver: SolverContext,
         scene: str,
         start: str,
-        found: Restart | None = None,
-        foreseen: Sequence[Doubt] = (),
+        earlier: Restart | None = None,
+        doubts_before_run: Sequence[Doubt] = (),
     ):
         self.folder = folder
         self.problem = problem
@@ -92,24 +114,29 @@ class Recorder:
         self.solver = solver
         self.scene = scene
         self.start = start
-        self.foreseen = foreseen  # doubts before the first step
+        self.doubts_before_run = doubts_before_run
         self.run = Run(problem.system, problem.method, problem.observer.start, 0, MOST_GROWTH)
         self.files = RunFiles(folder, problem)
         with watch.phase("output"):
-            if found:
-                self.progress = found.progress
-                self._resume(found)
+            if earlier:
+                self.progress = earlier.progress
+                self._resume(earlier)
             else:
                 self.progress = self._begin()
                 if problem.output.restarts:
                     self.restart(regular=True)
 
     def _begin(self) -> Progress:
+        """Write the first frame and the first rows of a new run; return its progress.
+
+        Raise `InputError` if the frames of the whole run would not fit on the disk. That is
+        known only now, because the first frame tells the size of the others.
+        """
         problem = self.problem
-        memory = Memory(0, self.problem.start.t, None)
+        memory = Memory(step=0, start=problem.start.t, method_memory=None)
         kinds = (kind for kind in list_accounts(problem.is_static) if kind not in LAST)
         accounts = Accounts.begin((*kinds, *LAST), self.run, problem.ledger)
-        accounts = self._frame(problem.start, memory, accounts)
+        accounts = self._write_frame(problem.start, memory, accounts)
         first_frame = self.files.frames.files(0)[0]
         check_space(self.folder.path, problem, size=first_frame.stat().st_size)
         rows = accounts.rows(problem.observer.row(None, None))
@@ -117,25 +144,31 @@ class Recorder:
         return self._progress(problem.start, memory, accounts)
 
     def _progress(self, state, memory, accounts: Accounts, doubts=(), wanted=None) -> Progress:
+        """Return the progress after a step, with the sizes that the files have now."""
         frames = len(self.files.frames.times)
         sizes = self.files.sizes
         return Progress(state, memory, accounts, doubts, wanted, frames, sizes)
 
-    def _resume(self, found: Restart) -> None:
-        """Remove what an earlier run wrote after its restart file."""
+    def _resume(self, earlier: Restart) -> None:
+        """Remove what the run wrote after its restart file; log from where it goes on."""
         self.files.keep()
-        restarts.drop_later(self.folder.path, found)
-        if found.exact:
+        restarts.drop_later(self.folder.path, earlier)
+        if earlier.exact:
             exactly = ""
         else:
             exactly = ", exact to the solver's tolerance only: a factor was lost"
         at = place_in_words(self.progress.state.t, self.problem.unit)
         self.folder.log(f"goes on from step {self.progress.memory.step} at {at}{exactly}")
-        if changed := restarts.differences(found):
-            self.folder.log(f"the last bits may differ: {changed}")
+        if differences := restarts.differences(earlier):
+            self.folder.log(f"the last bits may differ: {differences}")
 
     def restart(self, regular: bool = False) -> None:
-        """Write a restart file; a regular one drops the solver's factor first."""
+        """Write a restart file.
+
+        A `regular` one, which the scene asks for, first drops the factor that the solver holds.
+        So the unbroken run goes on without it, as a continued run does, and both agree bit for
+        bit. Any other one is exact only if the solver holds nothing.
+        """
         self.folder.check_in_place()
         if regular:
             self.solver.drop()
@@ -151,12 +184,18 @@ class Recorder:
         restarts.write(self.folder.path, restart)
 
     def march(self, report, warn, interrupted: threading.Event) -> FeclothError | None:
-        """March, and return the error that ended it early; leave a restart file in any case."""
+        """Take and record all steps; return the error that ended them early, or None.
+
+        `report` is called with the `StepInfo` of each step, `warn` with each new warning, and
+        the steps end where `interrupted` is set. After an error a restart file is written, if
+        that is possible. Errors of `report`, and a second signal, pass on.
+        """
         try:
             self._march_to_end(report, warn, interrupted)
         except (StepFailed, InputError, MemoryError) as failure:  # InputError: also a full disk
             with suppress(InputError, MemoryError):
                 self.restart()
+            # The state of a failure goes into the last frame; no restart begins from it.
             if isinstance(failure, StepFailed) and failure.state:
                 self.progress = replace(self.progress, state=failure.state)
             if isinstance(failure, MemoryError):
@@ -170,12 +209,16 @@ class Recorder:
         return None
 
     def _march_to_end(self, report, warn, interrupted: threading.Event) -> None:
+        """Take and record the steps to the end, or until `interrupted` is set.
+
+        Raise `InputError` after `MOST_STEPS` steps, and the errors of a step or a file.
+        """
         problem = self.problem
-        before = self.progress
-        if before.state.t >= problem.t_end:  # it was killed while it closed
+        begin = self.progress
+        if begin.state.t >= problem.t_end:  # the run was killed while it wrote its end
             return
-        steps = problem.march(self.solver, before.state, before.memory, before.wanted)
-        accounts = before.accounts
+        steps = problem.march(self.solver, begin.state, begin.memory, begin.wanted)
+        accounts = begin.accounts
         next_row = problem.next_row
         for record in record_steps(steps, self.run, problem.observer, accounts, next_row):
             info = record.info
@@ -186,34 +229,37 @@ class Recorder:
             self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
                 self.folder.check_in_place()
-                self._take(record)
+                self._record_step(record)
                 self._warn(self.progress.accounts, warn)
-                if regular := self._is_restart_due(info):
-                    self.restart(regular)
+                if is_restart_due := self._is_restart_due(info):
+                    self.restart(regular=True)
             report(info)
             if interrupted.is_set():
-                if not regular:
+                if not is_restart_due:  # else this step has its restart file already
                     self.restart()
                 return
 
-    def _take(self, record: Record) -> None:
-        """Write a step to all files, or to none if that fails or is interrupted."""
+    def _record_step(self, record: Record) -> None:
+        """Write a step to all files and replace `progress`.
+
+        If a file cannot be written, or a signal comes, remove the step from all files again and
+        raise the error.
+        """
         info = record.info
         before = self.progress
         self.watch.seconds.setdefault("to_first_step", self.watch.total)
         self.watch.add(info.counts.seconds)
         accounts = record.accounts.with_record(before.accounts[Shapes])
         try:
-            if not info.is_part:
+            if not info.is_part:  # a part of a step has a frame at most, and no rows
                 counts = info.counts
                 row = {"step": info.step, "t": info.t, "dt": info.dt, "newton": counts.newton}
                 row |= {key: getattr(counts, key) for key in SUMMED[1:]}
                 steps = {**row, "residual": counts.residual, **record.rows["steps"]}
                 self.files.add_rows({**record.rows, "steps": steps})
             if self._is_frame_due(info):
-                accounts = self._frame(
-                    record.state, info.memory, accounts, info.t >= self.problem.t_end
-                )
+                ended = info.t >= self.problem.t_end
+                accounts = self._write_frame(record.state, info.memory, accounts, ended)
             self.progress = self._progress(
                 record.state, info.memory, accounts, doubts=before.doubts, wanted=record.wanted
             )
@@ -222,21 +268,26 @@ class Recorder:
             self.files.cut(before)
             raise
 
-    def _frame(
+    def _write_frame(
         self, state: State, memory: Memory | None, accounts: Accounts, ended: bool = False
     ) -> Accounts:
-        """Write a frame with its row of strains.csv, and return the accounts after it."""
+        """Write a frame with its row of strains.csv, and return the accounts after it.
+
+        Intersections are counted if the scene asks for it and the last count was long enough
+        ago, or if the run has `ended`.
+        """
         cells = self.files.add_frame(state, memory)
         shape = accounts[Shapes]
         step = accounts[Solves].steps
-        apart = STEPS_BETWEEN_COUNTS[self.problem.method.traits.explicit]
-        is_due = ended or step - shape.counted >= apart
-        counts = self.problem.output.intersections and is_due
-        shape, row = shape.at_frame(self.run, state, cells, step, counts)
+        steps_between_counts = STEPS_BETWEEN_COUNTS[self.problem.method.traits.explicit]
+        is_count_due = ended or step - shape.counted >= steps_between_counts
+        counts_now = self.problem.output.intersections and is_count_due
+        shape, row = shape.at_frame(self.run, state, cells, step, counts_now)
         self.files.add_rows({"strains": row})
         return accounts.with_record(shape)
 
     def _warn(self, accounts: Accounts, warn) -> None:
+        """Add the new doubts of the accounts to the progress; log them and call `warn`."""
         for doubt in accounts.new_doubts(self.progress.doubts):
             self.progress = replace(self.progress, doubts=(*self.progress.doubts, doubt))
             with suppress(WriteError):  # `warn` reports it; the next line fails the run
@@ -244,48 +295,59 @@ class Recorder:
             warn(str(doubt))
 
     def _is_restart_due(self, info: StepInfo) -> bool:
-        """Whether the scene asks for a restart file after this step."""
-        if not (every := self.problem.output.restarts):
+        """Whether the scene asks for a restart file after this step.
+
+        It is due at each interval and at the end of the run.
+        """
+        interval = self.problem.output.restarts
+        if not interval:
             return False
-        if isinstance(every, int):
-            due = info.step % every == 0
-        else:
+        if isinstance(interval, int):  # steps
+            is_due = info.step % interval == 0
+        else:  # seconds: the step has passed a multiple of them, up to round-off
             times = np.array([info.old.t, info.t]) - info.memory.start
-            before, now = np.floor(times / every + 1e-9)
-            due = now > before
-        return due or info.t >= self.problem.t_end
+            intervals_before, intervals_now = np.floor(times / interval + 1e-9)
+            is_due = intervals_now > intervals_before
+        return is_due or info.t >= self.problem.t_end
 
     def _is_frame_due(self, info: StepInfo) -> bool:
         """Whether the scene asks for a frame after this step, or the run has reached its end."""
         if info.t >= self.problem.t_end:
             return True
-        every = self.problem.frame_steps
-        if every is None:
+        steps_between_frames = self.problem.frame_steps
+        if steps_between_frames is None:
             return info.t in self.problem.stops
-        return info.step % every == 0
+        return info.step % steps_between_frames == 0
 
     def close(self, status: str, why: str, error: FeclothError | None, warn) -> SceneResult:
-        """Write the last good state as a frame, the summary, the last line of the log."""
+        """Write what belongs to the end of a run, and return its result.
+
+        That is a frame of the last good state, summary.json, the report and the last lines of
+        the log. `status` is how the run ended, `why` the reason for the choice of its solver,
+        `error` the failure of its steps, and `warn` is called with each new warning. If a file
+        cannot be written, the status becomes "failed", with that error if there is no other.
+        """
         state = self.progress.state
         try:
             with self.watch.phase("output"):
-                if state.t > self.files.frames.times[-1] and not isinstance(error, WriteError):
+                has_frame = state.t <= self.files.frames.times[-1]
+                if not has_frame and not isinstance(error, WriteError):
                     memory = self.progress.memory
                     accounts = self.progress.accounts
-                    accounts = self._frame(state, memory, accounts, ended=True)
+                    accounts = self._write_frame(state, memory, accounts, ended=True)
                     self.progress = replace(self.progress, accounts=accounts)
                 if status == DONE:
                     self.files.gather()
-        except InputError as full:
+        except InputError as disk_error:
             status = FAILED
-            error = error or full
+            error = error or disk_error
         self.files.close()
         steps = self.progress.accounts[Solves].steps
         end = End(state, steps, is_whole=state.t >= self.problem.t_end)
         with self.watch.phase("output"):
             accounts = self.progress.accounts.finish(self.run, end)
         self._warn(accounts, warn)
-        summary = self._summary(status, why, str(error) if error else None, accounts)
+        summary = self._summarise(status, why, str(error) if error else None, accounts)
         place = place_in_words(state.t, self.problem.unit)
         words = f"{status} at {place} after {amount(steps, 'step')}"
         resumes: float | None = None  # without a restart file
@@ -299,17 +361,22 @@ class Recorder:
             self._report(summary)
             self.folder.summary(summary)  # `--resume` writes all of this if it is missing
             self.files.remove_gathered()
-        except InputError as full:
+        except InputError as disk_error:
             status = FAILED
-            error = error or full
-        return self._result(status, summary, accounts, error, resumes)
+            error = error or disk_error
+        return self._make_result(status, summary, accounts, error, resumes)
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """All doubts of the run, first the doubts before the first step."""
-        return (*self.foreseen, *self.progress.doubts)
+        return (*self.doubts_before_run, *self.progress.doubts)
 
-    def _summary(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
+    def _summarise(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
+        """Return the content of summary.json, its keys in the order of `ORDER`.
+
+        `failure` is the message of the error that ended the run; `why` is the reason for the
+        choice of the solver.
+        """
         warnings = list(in_words(self.doubts))
         values = {
             "status": status,
@@ -335,13 +402,15 @@ class Recorder:
         return {key: values[key] for key in ORDER if key in values} | values
 
     def _report(self, summary: dict) -> None:
+        """Write report.html; if that fails, log why."""
         try:
             frame = self.files.shown_at(self.progress.state)
             write_report(self.folder.path, summary, frame, self.files.obstacles.last)
-        except Exception as failure:  # of any kind: all else is written
+        except Exception as failure:  # no error of a page may lose the result
             self.folder.log(f"warning: no report: {failure}")
 
-    def _result(self, status: str, summary: dict, accounts: Accounts, error, resumes):
+    def _make_result(self, status: str, summary: dict, accounts: Accounts, error, resumes):
+        """Return the `SceneResult`, with the energies and observed columns from their files."""
         files = (self.files.tables[name].path for name in ("energies", "observed"))
         energies, observed = (read_table(file, math.inf) for file in files)
         times = energies.pop("t", np.empty(0))

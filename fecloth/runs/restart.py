@@ -97,9 +97,11 @@ class Restart:
 
 
 def write(folder: Path, restart: Restart) -> Path:
-    """Write the file in one go and remove all but the last two; return its path.
+    """Write a restart file in one go and remove all but the last two; return its path.
 
-    It is flushed to the disk before others are removed, so that a power cut leaves one.
+    `folder` is the folder of the run. The file is flushed to the disk before others are
+    removed, so that a power cut leaves one. Raise `WriteError` if the disk refuses it, and
+    `InputError` for a value that no restart file can hold.
     """
     path = folder / FOLDER / f"restart_{restart.progress.memory.step:09d}.npz"
     arrays: list[np.ndarray] = []
@@ -121,7 +123,11 @@ def files(folder: Path) -> list[Path]:
 
 
 def read(path: Path) -> Restart:
-    """Return the record of one file."""
+    """Return the restart of one file.
+
+    Raise `InputError` for a file that cannot be read, has another format, or holds anything but
+    a restart with finite numbers.
+    """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             members = {name: file[name] for name in file.files}
@@ -142,7 +148,8 @@ def read(path: Path) -> Restart:
 def _check(restart, arrays) -> None:
     """Raise `ValueError` unless this is a restart with finite times and arrays of float64.
 
-    All arrays but the history of terms must have the shape (n, 3) of the positions.
+    `arrays` are all its arrays. They must have the shape (n, 3) of the positions; only the
+    arrays that terms remember may have any shape.
     """
     if not isinstance(restart, Restart):
         raise ValueError("it is no restart of a run")
@@ -152,9 +159,9 @@ def _check(restart, arrays) -> None:
         if not is_number(t):
             raise ValueError(f"{name} = {t!r} is not finite")
     shape = state.x.shape
-    of_terms: list[np.ndarray] = []
-    _pack(memory.term_history, of_terms)
-    of_any_shape = {id(array) for array in of_terms}
+    arrays_of_terms: list[np.ndarray] = []
+    _pack(memory.term_history, arrays_of_terms)  # only to collect the arrays
+    of_any_shape = {id(array) for array in arrays_of_terms}
     for array in arrays:
         if array.dtype != np.float64 or not np.isfinite(array).all():
             raise ValueError("an array is not finite, or not float64")
@@ -163,7 +170,11 @@ def _check(restart, arrays) -> None:
 
 
 def _pack(value, arrays: list):
-    """Return the value in JSON's types; append its arrays."""
+    """Return the value in JSON's types; append its arrays to `arrays`.
+
+    A dict with one of the keys "record", "array", "mapping" and "doubt" stands for what JSON
+    does not have. Raise `InputError` for an object of any other class.
+    """
     name = type(value).__name__
     if RECORDS.get(name) is type(value):
         keys = [field.name for field in fields(RECORDS[name])]
@@ -187,13 +198,17 @@ def _pack(value, arrays: list):
 
 
 def _unpack(value, arrays: list):
-    """Invert `_pack`; raise KeyError, TypeError or ValueError for anything else."""
+    """Return the value from which `_pack` made this; `arrays` are those that it appended.
+
+    Raise `KeyError`, `TypeError` or `ValueError` for what `_pack` does not make.
+    """
     if isinstance(value, list):
         return tuple(_unpack(item, arrays) for item in value)
     if not isinstance(value, dict):
         return value
     match value:
         case {"array": int(number)}:
+            # `index` refuses a number that is negative or too large.
             return arrays[range(len(arrays)).index(number)]
         case {"doubt": str(name)}:
             return DoubtKind(name)
@@ -207,7 +222,10 @@ def _unpack(value, arrays: list):
 
 
 def find(folder: Path) -> Restart:
-    """Return the newest readable restart of a run, an exact one if there is any."""
+    """Return the newest readable restart of a run's folder, an exact one if there is any.
+
+    Raise `InputError` if there is no restart file, or none that can be read.
+    """
     restarts = []
     first_error = None
     for path in files(folder):
@@ -223,7 +241,7 @@ def find(folder: Path) -> Restart:
 
 
 def _missing_restart_error(folder: Path) -> InputError:
-    """Return the error of a folder without a restart file, with what to do there."""
+    """Return the error for a folder without a restart file; it says what to do there."""
     if not folder.is_dir():
         remedy = "Give the folder of a run; -o names the folder of a new run."
         return InputError(f"--resume {folder}", "there is no such folder", remedy=remedy)
@@ -244,19 +262,22 @@ def drop_later(folder: Path, restart: Restart) -> None:
 
 
 def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> None:
-    """Raise `InputError` with the differences if a restart belongs to another scene.
+    """Raise `InputError` if a scene cannot continue the run of a restart.
 
-    `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the
-    run must not be complete: it must have steps left, or its last summary.json still to write.
+    `scene` is the resolved scene as TOML, `start` the `digest` of its mesh and start, and
+    `folder` the folder of the run. The scene must be the one of the run, and the message names
+    the keys that differ. `time.t_end` may differ, and so may the keys that do not change a
+    motion (`FREE`). But the run must not be complete: it must have steps left, or its last
+    summary.json still to write.
     """
-    then = flatten(tomllib.loads(restart.scene))
-    now = flatten(tomllib.loads(scene))
+    values_then = flatten(tomllib.loads(restart.scene))
+    values_now = flatten(tomllib.loads(scene))
     changes = []
-    for key in {**then, **now}:
-        is_free = key.split(".")[0] in FREE or key == "time.t_end"
-        if then.get(key) != now.get(key) and not is_free:
-            there = then.get(key, "nothing")
-            here = now.get(key, "nothing")
+    for key in {**values_then, **values_now}:  # a dict, for the order of the keys
+        may_differ = key.split(".")[0] in FREE or key == "time.t_end"
+        if values_then.get(key) != values_now.get(key) and not may_differ:
+            there = values_then.get(key, "nothing")
+            here = values_now.get(key, "nothing")
             changes.append(f"{key} = {there} there, {here} here")
     if changes:
         remedy = "Resume with the scene of that run, or start another run."
@@ -265,14 +286,15 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
         allowed = "the mesh or the frame of the start has changed"
         raise InputError(f"{folder} has another start", allowed)
     t = restart.progress.state.t
-    to_go = now.get("time.t_end", 1.0) - t  # of [equilibrium]: all loads
-    ended = _summary(folder)  # empty of a killed run
-    if to_go < 0 or (to_go == 0 and ended.get("t") == t and ended.get("status") == DONE):
-        if "time.t_end" not in now:
+    t_end = values_now.get("time.t_end", 1.0)  # a static scene ends at 1: all the loads
+    summary = _summary(folder)  # empty if the run was killed before it wrote its end
+    has_summary_of_end = summary.get("t") == t and summary.get("status") == DONE
+    if t > t_end or (t == t_end and has_summary_of_end):
+        if "time.t_end" not in values_now:
             raise InputError(f"the run in {folder} is complete", "nothing is left to do")
         allowed = f"the run in {folder} has already reached {t:g} s"
         remedy = "To continue beyond its end, raise it: --set time.t_end=..."
-        raise InputError(f"time.t_end = {now['time.t_end']}", allowed, remedy=remedy)
+        raise InputError(f"time.t_end = {t_end}", allowed, remedy=remedy)
 
 
 def _summary(folder: Path) -> dict:
@@ -300,12 +322,15 @@ def machine() -> dict[str, str]:
 
 
 def differences(restart: Restart) -> str:
-    """Return in words what has changed since, or ""."""
+    """Return in words what differs between the machine of a restart and this one, or "".
+
+    These are versions of packages and the threads of PARDISO, on which the last bits depend.
+    """
     then = restart.made_on
     now = machine()
     changes = []
     for key in sorted(then.keys() & now.keys()):
-        is_known = "None" not in (then[key], now[key])
+        is_known = "None" not in (then[key], now[key])  # the text of an unknown number
         if is_known and then[key] != now[key]:
             changes.append(f"{key} was {then[key]}, is {now[key]}")
     return "; ".join(changes)

@@ -28,17 +28,27 @@ _FEWER = "Raise every, or lower frames, in [output]."
 
 
 class RunFiles:
-    """The open tables and frames of a run."""
+    """The open tables and frames of a run.
+
+    Attributes
+    ----------
+    opens
+        The file to open in ParaView.
+    shown
+        The last frame that was written; None before the first one.
+    on_disk
+        Number of the frames that would survive a power cut.
+    """
 
     def __init__(self, folder: RunFolder, problem: Problem):
         self.folder = folder
         self.problem = problem
         self.frames = Frames(folder.path / "run", problem.cloth, problem.system)
-        self.opens = self.frames.opens  # the file for ParaView
+        self.opens = self.frames.opens
         self.obstacles = ObstacleFrames(folder.path, problem.system, problem.start.x)
         self.tables = {name: folder.table(f"{name}.csv") for name in TABLES}
-        self.shown: Frame | None = None  # the last frame written
-        self.on_disk = 0  # number of the frames that would survive a power cut
+        self.shown: Frame | None = None
+        self.on_disk = 0
 
     def keep(self) -> None:
         """Continue after the frames of the rows in strains.csv; remove later ones."""
@@ -65,15 +75,19 @@ class RunFiles:
             self.tables[name].add(row)
 
     def add_frame(self, state: State, memory: Memory | None) -> Arrays:
-        """Write the state as a frame, with what terms remember, and return its cell data."""
+        """Write the state as a frame, with what terms remember, and return its cell data.
+
+        Also write the obstacles at that time, and keep the frame as `shown`. Raise `FolderMoved`
+        if the folder has moved, and `InputError` for more than `MOST_FRAMES` frames.
+        """
         self.folder.check_in_place()
         if len(self.frames.times) >= MOST_FRAMES:
             raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=_FEWER)
         problem = self.problem
-        system = self.problem.system
         history = memory.term_history if memory else None
-        known = system.with_history(history or system.start_history(state))
-        points, cells = fields(known, state, problem.output.error_density)
+        history = history or problem.system.start_history(state)
+        system = problem.system.with_history(history)
+        points, cells = fields(system, state, problem.output.error_density)
         self.obstacles.add(len(self.frames.times), state)
         self.frames.add(state, (points, cells))
         self.shown = keep_shown(Frame(state.t, state.x, problem.cloth.cells, points, cells))
@@ -87,14 +101,20 @@ class RunFiles:
         return Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
 
     def flush(self) -> None:
-        """Hand all to the disk, so that it survives a power cut; but for the folder itself."""
+        """Hand the tables and new frames to the disk, so that they survive a power cut.
+
+        Their folders, too, but not the folder of the run itself: `restart.write` does that.
+        """
         frames = self.frames.files(self.on_disk)
         flush_to_disk(*(table.path for table in self.tables.values()), *frames)
         flush_to_disk(*{file.parent for file in frames} - {self.folder.path})
         self.on_disk = len(self.frames.times)
 
     def _scatter(self) -> None:
-        """Write the frames of a whole run anew, as it goes on beyond its end."""
+        """Write single frames from the file that a complete run gathered, and remove that file.
+
+        A run that goes on beyond its end adds further frames to them.
+        """
         series = Series.open(self.folder.path)
         for i in range(len(series.times)):
             frame = series.read(i)
@@ -133,7 +153,10 @@ def count_frames(problem: Problem) -> int:
 
 
 def check_space(folder: Path, problem: Problem, size: int) -> None:
-    """Raise `InputError` for too many frames of `size` bytes, or for the space in `folder`."""
+    """Raise `InputError` if a run has more than `MOST_FRAMES` frames, or no space for them.
+
+    `size` is the size of a frame in bytes; the space is that of the disk of `folder`.
+    """
     count = count_frames(problem)
     free = shutil.disk_usage(folder).free
     if count > MOST_FRAMES:

@@ -96,11 +96,15 @@ def _run_scene(
     locks: ExitStack,
     make_system: Callable[..., System],
 ) -> SceneResult:
-    """Run a scene as `run_scene` does; `locks` takes the lock of a folder that it makes."""
+    """Run a scene as `run_scene` does, in a folder that is locked if it exists.
+
+    A folder that does not exist is made only when all checks have passed. Then it is locked,
+    too, until `locks` is closed.
+    """
     watch = Watch()
     existed = path.is_dir()
     if not resume:
-        RunFolder.refuse(path, overwrite)
+        RunFolder.refuse(path, overwrite)  # at once, not after the mesh is made
     earlier = restarts.find(path) if resume else None
     with watch.phase("mesh"):
         cloth = scene.mesh()
@@ -121,12 +125,13 @@ def _run_scene(
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
             locks.enter_context(lock_folder(path))
-        with ExitStack() as failing:
+        # Within this block an error leaves no files of a new run.
+        with ExitStack() as clean_up:
             if earlier:
                 folder = RunFolder.reopen(path, earlier.progress.tables)
             else:
                 folder = RunFolder.create(path, overwrite)
-                failing.enter_context(remove_on_failure(path, is_new=not existed))
+                clean_up.enter_context(remove_on_failure(path, is_new=not existed))
             folder.text("scene.resolved.toml", scene.to_toml())
             _log_setup(folder, problem, why)
             for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
@@ -138,15 +143,17 @@ def _run_scene(
                 solver,
                 scene=scene.to_toml(),
                 start=start,
-                found=earlier,
-                foreseen=doubts,
+                earlier=earlier,
+                doubts_before_run=doubts,
             )
         error = recorder.march(report, warn, interrupted)
-        if recorder.progress.state.t < problem.t_end:
-            stopped = INTERRUPTED
+        if error:
+            status = FAILED
+        elif recorder.progress.state.t < problem.t_end:
+            status = INTERRUPTED
         else:
-            stopped = DONE
-        outcome = recorder.close(FAILED if error else stopped, why, error, warn)
+            status = DONE
+        outcome = recorder.close(status, why, error, warn)
         closed()
         return outcome
 

@@ -44,17 +44,24 @@ LARGEST_FORCE = 1e15  # N of a term on a node at the start
 MOST_CHECKED_PLACES = 1_000_000
 
 AnyTime = Time | EquilibriumTable
-At = Callable[[str], AbstractContextManager[None]]  # names the key of the scene in errors
+# `errors_at` for the file of the scene: in a block ``with errors_of_key("terms"):`` an
+# `InputError` becomes a `SceneError` that names the file and the key "terms".
+ErrorsOfKey = Callable[[str], AbstractContextManager[None]]
 
 
 def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System) -> Problem:
-    """Bind terms and pins of a `Scene` to the cloth, place the start, check the method."""
-    at = partial(errors_at, where=scene.source)
-    state = _start(scene, cloth, at)
-    system = _system(scene, cloth, state, at, make_system)
-    _check_start(scene, system, state, at)
+    """Return the objects of a `Scene` on a cloth, ready to run.
+
+    Bind terms and pins to the cloth, place the start and choose the steps. `make_system` takes
+    the arguments of `System`. Raise `SceneError`, with the key of the mistake, for a start, a
+    method, a solver, a probe or a quantity that this cloth does not allow.
+    """
+    errors_of_key = partial(errors_at, where=scene.source)
+    state = _make_start(scene, cloth, errors_of_key)
+    system = _bind_system(scene, cloth, state, errors_of_key, make_system)
+    _check_start(scene, system, state, errors_of_key)
     steps = scene.schedule.steps()
-    _check_method(scene, system, state, steps, at)
+    _check_method(scene, system, state, steps, errors_of_key)
     probes = tuple(table.probe() for table in scene.probes)
     if scene.expect:
         pattern = getattr(scene.cloth, "pattern", "")
@@ -69,20 +76,29 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         unit=scene.schedule.unit,
         newton=scene.solver.make(),
         linear=scene.solver.linear,
-        probes=(*probes, *_on_request(scene)),
-        memory=Memory(0, state.t, None),  # the start is checked above
+        probes=(*probes, *_columns_on_request(scene)),
+        # With a memory the start is not checked again; `_check_method` has done so.
+        memory=Memory(step=0, start=state.t, method_memory=None),
         frame_steps=scene.output.steps(scene.schedule),
         stops=scene.output.stops(scene.schedule),
         note=note,
         output=scene.output,
     )
-    _check_columns(scene, problem, probes, at)
+    _check_columns(scene, problem, probes, errors_of_key)
     return problem
 
 
-def _system(scene: Any, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
-    """Bind the terms and pins of a scene; an error names the table with the mistake."""
-    pins = [_pin(i, table, scene.schedule, cloth, at) for i, table in enumerate(scene.pins)]
+def _bind_system(
+    scene: Any, cloth: Cloth, start: State, errors_of_key: ErrorsOfKey, make_system: Callable
+) -> System:
+    """Return the system: the terms and pins of a scene, bound to the cloth.
+
+    Raise `SceneError`, with the key of the table with the mistake, for what does not fit.
+    """
+    pins = [
+        _make_pin(number, table, scene.schedule, cloth, errors_of_key)
+        for number, table in enumerate(scene.pins)
+    ]
     if scene.fabric:
         fabric = scene.fabric.make()
     else:
@@ -90,13 +106,15 @@ def _system(scene: Any, cloth: Cloth, start: State, at: At, make_system: Callabl
     grain = _in_radians(scene.grain_degrees)
     terms = [term.make() for term in scene.terms]
     threads = scene.solver.threads
-    with at("solver.threads"):
-        number_of_threads(threads)
+    with errors_of_key("solver.threads"):
+        number_of_threads(threads)  # only to refuse a wrong number by the name of its key
     try:
         return make_system(cloth, fabric, terms, pins, scene.mass, grain, start, threads=threads)
     except InputError:
-        _refuse_parts(scene, cloth, start, fabric, grain, pins, terms, at)
-        with at("terms"):
+        # Find the part with the mistake. If each part alone is valid, the terms do not fit
+        # together.
+        _refuse_parts(scene, cloth, start, fabric, grain, pins, terms, errors_of_key)
+        with errors_of_key("terms"):
             raise
 
 
@@ -108,24 +126,27 @@ def _refuse_parts(
     grain: Any,
     pins: list[Pin],
     terms: list,
-    at: At,
+    errors_of_key: ErrorsOfKey,
 ) -> None:
-    """Make the parts of a system one by one: the error names the table with the mistake."""
-    with at("pins"):
+    """Raise `SceneError` for the first part that alone makes no system, by its key.
+
+    A message about one of several pins or terms also has its type and its line in the file.
+    """
+    with errors_of_key("pins"):
         Constraints.bind(pins, cloth)
     written = {"terms": [{"type": table.type} for table in scene.terms], "pins": scene.pins}
     for i, pin in enumerate(pins):
         with errors_at(f"pins.{i}", scene.source, written, scene.text):
             find_clamps(Constraints.bind([pin], cloth), cloth, start)
-    with at("fabric" if scene.fabric else "fabrics"):
+    with errors_of_key("fabric" if scene.fabric else "fabrics"):
         Panel.cut(cloth, fabric)
-    with at("grain_degrees"):
+    with errors_of_key("grain_degrees"):
         Panel.cut(cloth, fabric, grain)
-    with at("mass"):
-        System(cloth, fabric, (), (), scene.mass, grain)
+    with errors_of_key("mass"):
+        System(cloth, fabric, terms=(), pins=(), mass=scene.mass, grain=grain)
     for i, term in enumerate(terms):
         with errors_at(f"terms.{i}", scene.source, written, scene.text):
-            System(cloth, fabric, [term], (), scene.mass, grain)
+            System(cloth, fabric, [term], pins=(), mass=scene.mass, grain=grain)
 
 
 def _in_radians(degrees: float | Mapping[str, float]) -> float | dict[str, float]:
@@ -135,43 +156,55 @@ def _in_radians(degrees: float | Mapping[str, float]) -> float | dict[str, float
     return math.radians(degrees)
 
 
-def _pin(number: int, table: PinTable, time: AnyTime, cloth: Cloth, at: At) -> Pin:
-    """Return the pin of a table after evaluating its motion at all times of the run."""
+def _make_pin(
+    number: int, table: PinTable, time: AnyTime, cloth: Cloth, errors_of_key: ErrorsOfKey
+) -> Pin:
+    """Return pin `number` of a scene, whose nodes and motion are valid in the whole run.
+
+    Raise `SceneError`, with its key, if it holds no nodes, or if its motion has no value at a
+    time of the run. A motion by place is tested at some of the times only.
+    """
     key = "inside" if table.where is None else "where"
-    with at(f"pins.{number}.{key}"):
+    with errors_of_key(f"pins.{number}.{key}"):
         X = cloth.X[cloth.nodes(table.pin.where)]
     pin = table.pin.at(X)
     if isinstance(pin.motion, Motion):
         start = time.t_start
         end = time.t_end
+        # Steps that are still to be chosen are not known: test the motion at 1000 times.
         dt = (end - start) / 1000 if time.dt == "auto" else time.dt
         times = np.append(start, step_times(start, dt, end))
         if pin.motion.by_place:  # at some of the times, to limit the work
             times = times[:: 1 + len(times) * len(X) // MOST_CHECKED_PLACES]
-        with at(f"pins.{number}.motion"):
+        with errors_of_key(f"pins.{number}.motion"):
             pin.motion.check(times)
     return pin
 
 
-def _start(scene: Any, cloth: Cloth, at: At) -> State:
-    """Return the state at the start; refuse a node that is too far away or too fast."""
+def _make_start(scene: Any, cloth: Cloth, errors_of_key: ErrorsOfKey) -> State:
+    """Return the state at the start.
+
+    Raise `SceneError`, with the key, for a start that cannot be made, and for a node farther
+    than `FARTHEST` or faster than `LARGEST_SPEED`. A frame is not tested: a run wrote it.
+    """
     start = scene.start
     if start.frame:
-        with at("start.frame"):
+        with errors_of_key("start.frame"):
             return replace(read_frame(start.frame, cloth), t=scene.schedule.t_start)
-    with at("start.position"):
+    with errors_of_key("start.position"):
         if isinstance(scene.cloth, Pieces):
             x = scene.cloth.x(cloth)
         else:
             x = start.x(cloth.X)
         if (distance := np.abs(x).max()) > FARTHEST:
+            # A shift this large is the mistake, whatever the position before it.
             if start.shift and max(map(abs, start.shift)) > FARTHEST:
                 key = "shift"
             else:
                 key = "position"
             what = f"start.{key}: a node {distance:g} m away"
             raise SceneError(what, f"must be within {FARTHEST:g} m", scene.source)
-    with at("start.velocity"):
+    with errors_of_key("start.velocity"):
         if isinstance(scene.cloth, Pieces):
             v = scene.cloth.v(cloth)
         else:
@@ -179,17 +212,21 @@ def _start(scene: Any, cloth: Cloth, at: At) -> State:
         if (speed := np.abs(v).max()) > LARGEST_SPEED:
             what = f"start.velocity: a node with {speed:g} m/s"
             raise SceneError(what, f"must be at most {LARGEST_SPEED:g} m/s", scene.source)
-    with at("start"):
+    with errors_of_key("start"):
         return make_state(len(cloth.X), x, v, scene.schedule.t_start)
 
 
-def _check_start(scene: Any, system: System, state: State, at: At) -> None:
-    """Refuse a term whose force at the start is not finite, or beyond all measure."""
+def _check_start(scene: Any, system: System, state: State, errors_of_key: ErrorsOfKey) -> None:
+    """Raise `SceneError` for a term that cannot begin from the start.
+
+    That is a term that refuses the positions (such as contact of a cloth inside an obstacle),
+    one whose force is not finite, or one with a force above `LARGEST_FORCE` on a node.
+    """
     for name, term in system.named:
-        f = np.zeros_like(state.x)
-        with at("start"):
-            term.check_start(state.x, state.t, "")
-        with at("terms"):
+        f = np.zeros_like(state.x)  # forces [N], (n, 3)
+        with errors_of_key("start"):
+            term.check_start(state.x, state.t, where="")  # `errors_of_key` adds it
+        with errors_of_key("terms"):
             term.add_force(state.x, state.v, state.t, f)
         if not np.isfinite(f).all():
             allowed = "has no finite force at the start"
@@ -203,11 +240,17 @@ def _check_start(scene: Any, system: System, state: State, at: At) -> None:
 
 
 def _check_method(
-    scene: Any, system: System, state: State, steps: StepChoice | Auto, at: At
+    scene: Any, system: System, state: State, steps: StepChoice | Auto, errors_of_key: ErrorsOfKey
 ) -> None:
-    """Refuse a method that cannot step the system, and a linear solver that cannot solve it."""
-    with at("terms"):
+    """Raise `SceneError` for a method or a linear solver that this system does not allow.
+
+    Refused are: terms that the method cannot take; explicit and automatic methods on several
+    processes; loads that depend on t in a static scene; a mass, a linear solver or a step that
+    does not fit the method.
+    """
+    with errors_of_key("terms"):
         check_terms(system, steps, "terms")
+    # A system on several processes is not whole: each process has a part of the cloth.
     if not system.is_whole and (isinstance(steps, Auto) or steps.traits.explicit):
         allowed = "must be an implicit method by name on several processes"
         what = f'time.method = "{scene.time.method.type}"'
@@ -215,26 +258,34 @@ def _check_method(
     if isinstance(steps, LoadSteps):
         _refuse_loads_in_time(scene, system, state)
         return
-    with at(""):  # the mass
+    with errors_of_key(""):  # it refuses a kind of mass by a message that has the key already
         steps.check(system)
     if scene.solver.linear != "auto" and not steps.traits.explicit:
-        symmetric = has_symmetric_matrix(system, steps)
-        with at("solver.linear"):
-            select.create(scene.solver.linear, symmetric or scene.solver.definiteness == "clamp")
+        # With definiteness = "clamp" the matrix is made symmetric, whatever the terms.
+        symmetric = has_symmetric_matrix(system, steps) or scene.solver.definiteness == "clamp"
+        with errors_of_key("solver.linear"):
+            select.create(scene.solver.linear, symmetric)  # only to refuse an unfit solver
+    # what to write to run beyond the stability limit all the same
     insist = f'method = {{ type = "{scene.time.method.type}", beyond_limit = true }}'
-    with at("time"):
+    with errors_of_key("time"):
         steps.check_start(system, state, insist)
 
 
 def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
-    """Refuse a term whose force changes with t, at positions that feel it from any direction."""
-    x = state.x
-    still = np.zeros_like(x)
-    waves = np.sin(5 * x[:, [1, 2, 0]] + 3 * x + [1, 2, 3])
-    x = x + 0.02 * system.cloth.extent * waves
+    """Raise `SceneError` for a term whose force changes with t while no node moves.
+
+    The forces at t = 0, 0.37 and 1 must be equal bit for bit. They are compared on a cloth with
+    waves of 2 % of its extent along x, y and z, because a load may be zero on a flat cloth.
+    """
+    still = np.zeros_like(state.x)  # the velocities
+    # Each coordinate has its own wave, so that no symmetry of the start remains.
+    waves = np.sin(5 * state.x[:, [1, 2, 0]] + 3 * state.x + [1, 2, 3])
+    x = state.x + 0.02 * system.cloth.extent * waves
     for name, term in system.named:
         if term.limits_direction or has_own(term, "work_of_clamps"):
-            continue  # it may depend on t, as what it touches, or the normals of clamps, move
+            # Contact and clamped bending may depend on t: the obstacles, and the normals of
+            # the clamps, may move.
+            continue
         forces = np.zeros((3, *x.shape))
         for t, f in zip((0.0, 0.37, 1.0), forces, strict=True):
             term.add_force(x, still, t, f)
@@ -244,24 +295,33 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
             raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
 
 
-def _on_request(scene: Any) -> tuple[str, ...]:
-    """Return the names of columns that the run has only because the scene names them."""
+def _columns_on_request(scene: Any) -> tuple[str, ...]:
+    """Return the columns that a run has only on request and that this scene asks for.
+
+    A scene asks for a column by naming it under [expect] or [interest].
+    """
     names = list(scene.expect)
     if scene.interest:
         names += [quantity.column for quantity in scene.interest.all]
     return on_request(names)
 
 
-def _check_columns(scene: Any, problem: Problem, probes: tuple[Probe, ...], at: At) -> None:
-    """Refuse probes that cannot be bound, and quantities that are no columns of the run."""
+def _check_columns(
+    scene: Any, problem: Problem, probes: tuple[Probe, ...], errors_of_key: ErrorsOfKey
+) -> None:
+    """Raise `SceneError` for a probe that cannot be bound, or a quantity without a column.
+
+    The quantities are those of [expect] and [interest].
+    """
     try:
-        _ = problem.observer
+        _ = problem.observer  # made here: that binds all probes, and the columns on request
     except InputError:  # bind the probes one by one, to name the one with the mistake
         for i, probe in enumerate(probes):
             key = "where" if probe.point is None else "point"
-            with at(f"probes.{i}.{key}"):
+            with errors_of_key(f"probes.{i}.{key}"):
                 probe.weights(problem.cloth)
-        with at("interest" if scene.interest else "expect"):
+        # All probes are valid: the mistake is in a column on request.
+        with errors_of_key("interest" if scene.interest else "expect"):
             raise
     if scene.expect or scene.interest:
         names = sorted(problem.row().keys() - {"t"})

@@ -128,7 +128,8 @@ class Pieces(Table):
     grading: ClassVar[tuple] = ()
 
     @model_validator(mode="after")
-    def _several_of_one_element(self):
+    def _check_pieces(self):
+        """Raise `InputError` for less than two pieces, P1 beside P2, or a frame as a start."""
         if len(self.pieces) < 2:
             what = amount(len(self.pieces), "piece")
             raise InputError(what, "must be at least two, or [cloth]")
@@ -150,7 +151,11 @@ class Pieces(Table):
         return [piece.path for piece in self.pieces.values() if piece.shape == "file"]
 
     def cloth(self, trust: bool = False, time_limit: float = TIME_LIMIT) -> Cloth:
-        """Mesh the pieces and join them; raise `InputError` with the name of the piece."""
+        """Mesh the pieces and join them; see `Cloth.read` for `trust` and `time_limit` [s].
+
+        Raise `InputError`, with the key of the piece and for a mesh file also its path, for a
+        piece that cannot be meshed.
+        """
         meshed = []
         for name, piece in self.pieces.items():
             try:
@@ -159,12 +164,11 @@ class Pieces(Table):
                 else:
                     meshed.append(piece.cloth())
             except InputError as error:
-                if piece.shape == "file":
-                    place = f"pieces.{name}: {error.where}: "
-                else:
-                    place = f"pieces.{name}."
-                what = place + error.what
-                raise InputError(what, error.allowed, "", error.remedy) from error
+                if piece.shape == "file":  # `where` is the path of the mesh file
+                    what = f"pieces.{name}: {error.where}: {error.what}"
+                else:  # `what` begins with the key within the piece
+                    what = f"pieces.{name}.{error.what}"
+                raise InputError(what, error.allowed, remedy=error.remedy) from error
         return Cloth.join(meshed, list(self.pieces))
 
     def x(self, cloth: Cloth) -> np.ndarray:
@@ -176,7 +180,7 @@ class Pieces(Table):
         return self._join_values(cloth, "v")
 
     def _join_values(self, cloth: Cloth, name: str) -> np.ndarray:
-        """Return x or v (n, 3) of the whole cloth from the starts of the pieces."""
+        """Return x [m] or v [m/s], by `name`, of all nodes (n, 3), from the pieces' starts."""
         values = np.zeros((len(cloth.X), 3))
         for piece, table in self.pieces.items():
             nodes = cloth.nodes(piece)

@@ -7,7 +7,7 @@ import re
 import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -19,25 +19,38 @@ MESH_FILE = 'A mesh file is given by shape = "file" and path = "sheet.msh".'
 _KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
 
-def scene_error(error: ValidationError, data: Any, where: str, text: str = "") -> SceneError:
-    """Return the first mistake in the tables `data` of a scene; its `also` has the others.
+class Mistake(NamedTuple):
+    """The words of a `SceneError`: the key with its value, what is allowed, what to do."""
 
-    `where` is the file of the scene, and `text` its text, for the number of the line.
+    what: str
+    allowed: str
+    remedy: str = ""
+
+
+def scene_error(error: ValidationError, data: Any, where: str, text: str = "") -> SceneError:
+    """Return the error for the first mistake in the tables `data` of a scene.
+
+    Its `also` has the errors for the other mistakes. `where` is the file of the scene, and
+    `text` its text, in which the line of the mistake is looked for.
     """
-    mistakes: list[tuple[str, str, str]] = []
+    mistakes: list[Mistake] = []
     for item in error.errors(include_url=False):
         key, written = _locate(item["loc"], data)
         mistakes += _describe(item, key, written)
     first, *others = (
         SceneError(what, allowed, where, f"{remedy} {place(what, data, text)}".strip())
-        for what, allowed, remedy in dict.fromkeys(mistakes)
+        for what, allowed, remedy in dict.fromkeys(mistakes)  # each once, in order
     )
     first.also = tuple(others)
     return first
 
 
 def place(key: str, data: Any, text: str = "") -> str:
-    """Return which table of a list a key is in, in words, or ""."""
+    """Return in words which of the terms, pins or probes a key is in.
+
+    For example "(It is the second [[terms]], StVK, line 14.)", or "" for a key that is in none.
+    The line is left out where `text` does not show all tables of the list.
+    """
     if not (match := _ITEM.match(key)):
         return ""
     name = match[1]
@@ -50,70 +63,93 @@ def place(key: str, data: Any, text: str = "") -> str:
         words = []
     lines = (line.split("#")[0].replace(" ", "").strip() for line in text.splitlines())
     headers = [i for i, line in enumerate(lines, 1) if line == f"[[{name}]]"]
-    if len(headers) == len(tables) > 0:  # all are written so, and none comes from an override
+    # Only if the file has a header for each table does the nth header belong to the nth table:
+    # the list may also be written in one line, or come from an override.
+    if len(headers) == len(tables) > 0:
         words.append(f"line {headers[number]}")
     ordinal = ORDINALS[number] if number < len(ORDINALS) else f"{number + 1}th"
     return f"(It is {', '.join([f'the {ordinal} [[{name}]]', *words])}.)"
 
 
-def _describe(item, key: str, written: Any) -> list[tuple[str, str, str]]:
-    """Return (what, allowed, remedy) of each mistake; `written` is the value at `key`."""
+def _describe(item, key: str, written: Any) -> list[Mistake]:
+    """Describe the mistakes in an error `item` of pydantic; `written` is the value at `key`."""
     value = item["input"]
     cause = item.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         errors = (cause, *cause.also)
-        return [(with_key(key, error, value), error.allowed, error.remedy) for error in errors]
+        return [
+            Mistake(with_key(key, error, value), error.allowed, error.remedy) for error in errors
+        ]
     return [_describe_wrong_type(item, key, written, value)]
 
 
-def _describe_wrong_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
+def _describe_wrong_type(item, key: str, written: Any, value: Any) -> Mistake:
+    """Describe a value that is no table, no list of tables, or no table of a known kind.
+
+    `written` is what the scene has at `key`, and `value` what pydantic read there. All other
+    types are checked by `Table`, whose errors are of type `InputError`.
+    """
     if item["type"] == "kind":
         name, kinds = item["msg"].split(": ")
         return _describe_wrong_kind(key, written, name, kinds)
     what = f"{key} = {shorten(value)}"
     if "tuple" in item["type"] and "." not in key:
-        return what, "must be a list of tables", f"Write [[{key}]] above each of them."
-    return what, "must be a table", ""
+        return Mistake(what, "must be a list of tables", f"Write [[{key}]] above each of them.")
+    return Mistake(what, "must be a table")
 
 
-def _describe_wrong_kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
-    """Describe a table whose key `name` is none of the `kinds`, a text with commas."""
+def _describe_wrong_kind(key: str, value: Any, name: str, kinds: str) -> Mistake:
+    """Describe a `value` at `key` that is no table of one of the `kinds`, a text with commas.
+
+    The kind of such a table is the text at its key `name`, "type" or "shape".
+    """
+    known_kinds = kinds.split(", ")
+    what = f"{key} = {shorten(value)}"
     allowed = f"must be one of {kinds}"
-    if value in kinds.split(", "):  # where no name may replace a table
+    # The kind is right, but it is written without its table: terms.0.shape = "Sphere".
+    if value in known_kinds:
         remedy = f'Write {{ {name} = "{value}" }}.'
-        return f"{key} = {shorten(value)}", f"must be a table with the key {name}", remedy
-    if isinstance(value, str):  # a name may replace a table
-        return f"{key} = {shorten(value)}", allowed, did_you_mean(value, kinds.split(", "))
+        return Mistake(what, f"must be a table with the key {name}", remedy)
+    # This may be a key where a name can replace the table, such as time.method = "BDF3".
+    if isinstance(value, str):
+        return Mistake(what, allowed, did_you_mean(value, known_kinds))
     if not isinstance(value, dict):
-        return f"{key} = {shorten(value)}", f"must be a table whose {name} is one of {kinds}", ""
+        return Mistake(what, f"must be a table whose {name} is one of {kinds}")
     if name not in value:
+        # Only [cloth] has a shape as its kind: many look for a key such as file = "a.msh".
         remedy = MESH_FILE if name == "shape" else ""
-        return f"{key}.{name} is missing", allowed, remedy
-    own = value[name]
-    remedy = did_you_mean(own, kinds.split(", "))
-    is_name = isinstance(own, str) and own.isidentifier()
+        return Mistake(f"{key}.{name} is missing", allowed, remedy)
+    own_kind = value[name]
+    remedy = did_you_mean(own_kind, known_kinds)
+    is_name = isinstance(own_kind, str) and own_kind.isidentifier()
+    # It may be the user's own class of a term, which only Python can add.
     if is_name and key.startswith("terms") and not key.endswith(".shape"):
-        how = f'For a term of your own: fc.load_scene("….toml", terms={{"{own}": {own}}}).'
-        remedy = f"{remedy} {how}".strip()
-    return f"{key}.{name} = {shorten(own)}", allowed, remedy
+        call = f'fc.load_scene("….toml", terms={{"{own_kind}": {own_kind}}})'
+        remedy = f"{remedy} For a term of your own: {call}.".strip()
+    return Mistake(f"{key}.{name} = {shorten(own_kind)}", allowed, remedy)
 
 
 def with_key(key: str, error: InputError, value: Any = None) -> str:
-    """Return the `what` of an `InputError` about the table or value at `key`, with that key."""
-    first = error.what.split(" ", 2)
+    """Return the `what` of an `InputError` about the table or value at `key`, with that key.
+
+    If the `what` begins with a key of the table, as in "dt = 5", the two keys become one,
+    "time.dt = 5". An empty `what` means the `value` itself.
+    """
+    words = error.what.split(" ", 2)
     if not error.what:
         return f"{key} = {shorten(value)}"
-    if len(first) > 1 and first[1] in ("=", "is") and _KEY.fullmatch(first[0]):
+    if len(words) > 1 and words[1] in ("=", "is") and _KEY.fullmatch(words[0]):
         return f"{key}.{error.what}".removeprefix(".")
     return f"{key}: {error.what}".removeprefix(": ")
 
 
 @contextmanager
 def errors_at(key: str, where: str, data: Any = None, text: str = "") -> Iterator[None]:
-    """Turn an `InputError` of an object into a `SceneError` with the scene's file and key.
+    """Turn an `InputError` raised within this context into a `SceneError`.
 
-    With `data`, the tables of the scene, and `text`, the text of its file, the error also has
-    the type and the line of the table.
+    Its words begin with the `key`, and its place is the file of the scene, `where`. A
+    `SceneError` has them already and passes. With `data`, the tables of the scene, and `text`,
+    the text of its file, the error also has the type and the line of the table.
     """
     try:
         yield
@@ -133,10 +169,15 @@ def shorten(value: Any) -> str:
 
 
 def _locate(location: tuple, data: Any) -> tuple[str, Any]:
-    """Return the key of an error, without pydantic's entries for kinds, and the value there."""
+    """Return the dotted key of a mistake, and the value that `data` has there.
+
+    The `location` by pydantic also has entries that are no keys: the kind of a table, and steps
+    within a type. They are left out.
+    """
     keys = []
     for entry in location:
         if isinstance(data, dict):
+            # The kind "file" of a cloth may be a key, too, that was tried by mistake.
             is_inside = entry in data and data.get("shape") != entry
         elif isinstance(data, (list, tuple)):
             is_inside = isinstance(entry, int) and entry < len(data)

@@ -12,30 +12,33 @@ from fecloth.validation import file_problem
 
 
 def formula_text(*variables: str, condition: bool = False) -> Any:
-    """Return the type of a key with a formula of these variables, or a condition on them.
+    """Return the type of a key whose value is a formula of these variables, as text.
 
-    A plain number is allowed in place of a formula, but not in place of a condition.
+    With `condition` it is a condition on them, such as "X < 0.1". A plain number is allowed in
+    place of a formula and becomes its text, but not in place of a condition.
     """
 
-    def check(text: str) -> str:
+    def check_formula(text: str) -> str:
+        """Return the text; raise `InputError` if it is no formula."""
         try:
             Formula(text, variables, condition)
         except InputError as error:
-            if is_quantity(text):
+            if is_quantity(text):  # such as "5 cm", which other keys allow
                 remedy = "A formula is in SI and has no units."
             else:
                 remedy = error.remedy
             raise InputError(error.what, error.allowed, error.where, remedy) from None
         return text
 
-    def text(value: Any) -> Any:
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if number and not condition:
+    def write_number(value: Any) -> Any:
+        """Return a number as text, and other values as they are."""
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if is_number and not condition:
             return repr(value)
         return value
 
     schema = WithJsonSchema({"type": "string" if condition else ["number", "string"]})
-    return Annotated[str, BeforeValidator(text), AfterValidator(check), schema]
+    return Annotated[str, BeforeValidator(write_number), AfterValidator(check_formula), schema]
 
 
 def _check_name(name: str) -> str:
@@ -51,7 +54,7 @@ def resolve_path(value: str, info: ValidationInfo) -> str:
     path = folder / value
     if problem := file_problem(path):
         reason, remedy = problem
-        raise InputError("", f"{path}: {reason}", "", remedy)
+        raise InputError("", f"{path}: {reason}", remedy=remedy)
     return str(path.resolve())
 
 

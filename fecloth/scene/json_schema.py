@@ -39,22 +39,31 @@ def json_schema() -> str:
 
 
 def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
-    """Allow names of methods and fabrics, shorthands of [fabric], one expectation, [cloths]."""
+    """Change the `schema` so that it also allows what a file may write in a shorter way.
+
+    These are the names of methods and of fabrics, the shorthands of [fabric], one expectation
+    without a list, and [cloths.NAME]. `tables` has the schema of each table by its name.
+    """
     scene = schema["properties"]
     fabric = tables["FabricTable"]
+    # The name of a method replaces its table.
     method = tables["Time"]["properties"]["method"]
     method["anyOf"] = [{"enum": list(METHOD_TABLES)}, *method.pop("oneOf")]
-    published = {"enum": list(presets.names())}
+    published_names = {"enum": list(presets.names())}
     shorthands = Shorthands.model_json_schema(schema_generator=SchemaOfFiles)["properties"]
-    fabric["properties"] |= shorthands | {"preset": shorthands["preset"] | published}
-    required = fabric.pop("required"), *([key] for key in shorthands)
-    fabric["anyOf"] = [{"required": keys} for keys in required]
-    one_fabric = {"anyOf": [{"$ref": "#/$defs/FabricTable"}, published]}
-    scene["fabric"] = {"description": scene["fabric"]["description"], **one_fabric}
-    scene["fabrics"]["additionalProperties"] = one_fabric
-    one_value = {"$ref": "#/$defs/Expectation"}
-    several = scene["expect"]["additionalProperties"]
-    scene["expect"]["additionalProperties"] = {"anyOf": [one_value, several]}
+    fabric["properties"] |= shorthands | {"preset": shorthands["preset"] | published_names}
+    # A table of a fabric needs all its required constants, or one shorthand in place of them.
+    sets_of_required_keys = [fabric.pop("required")]
+    sets_of_required_keys += [[key] for key in shorthands]
+    fabric["anyOf"] = [{"required": keys} for keys in sets_of_required_keys]
+    # The name of a published fabric replaces a whole table.
+    fabric_or_name = {"anyOf": [{"$ref": "#/$defs/FabricTable"}, published_names]}
+    scene["fabric"] = {"description": scene["fabric"]["description"], **fabric_or_name}
+    scene["fabrics"]["additionalProperties"] = fabric_or_name
+    one_expectation = {"$ref": "#/$defs/Expectation"}
+    list_of_expectations = scene["expect"]["additionalProperties"]
+    scene["expect"]["additionalProperties"] = {"anyOf": [one_expectation, list_of_expectations]}
     scene["cloths"] = tables["Pieces"]["properties"]["pieces"]
+    # [cloth] is the only required table of a scene; now [cloths.NAME] may replace it.
     schema["oneOf"] = [{"required": ["cloth"]}, {"required": ["cloths"]}]
     del schema["required"]

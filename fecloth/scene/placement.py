@@ -64,7 +64,8 @@ class Start(Table):
         return {"plane": "xy", **data}
 
     @model_validator(mode="after")
-    def _one_place(self):
+    def _check_keys(self):
+        """Raise `InputError` for several places, or for a change of a frame's x or v."""
         require_exactly_one(self, "plane", "position", "frame")
         changed = [key for key in ("rotate", "shift", "velocity") if getattr(self, key)]
         if self.frame and changed:
@@ -72,7 +73,11 @@ class Start(Table):
         return self
 
     def x(self, X: np.ndarray) -> np.ndarray:
-        """Return positions (n, 3) [m] of material points (n, 2); not for a frame."""
+        """Return the positions (n, 3) [m] at the start of material points X (n, 2) [m].
+
+        They are placed in the plane or by the formulas, then turned, then shifted. A table with
+        a `frame` has no such positions: the frame itself must be read.
+        """
         if self.position:
             x = _evaluate(self.position, X)
         else:
@@ -85,7 +90,7 @@ class Start(Table):
         return x
 
     def v(self, X: np.ndarray) -> np.ndarray:
-        """Return velocities (n, 3) [m/s]."""
+        """Return the velocities (n, 3) [m/s] at the start of material points X (n, 2) [m]."""
         if self.velocity:
             return _evaluate(self.velocity, X)
         return np.zeros((len(X), 3))
@@ -144,16 +149,23 @@ class PinTable(Table):
     _pin: Pin = PrivateAttr()
 
     @model_validator(mode="after")
-    def _one_place(self):
+    def _check_and_make_pin(self):
+        """Check the keys and make the pin, which the property `pin` returns.
+
+        Raise `InputError` unless there is one place and at most one of direction and normal, for
+        what `Pin` or `Slide` refuses, and for a motion that does not depend on t.
+        """
         require_exactly_one(self, "where", "inside")
-        if self.direction and self.normal:
+        if self.direction and self.normal:  # none of them is allowed, too
             require_exactly_one(self, "direction", "normal")
         self._pin = pin = self._make_pin()
         uses_t = any(re.search(r"\bt\b", text) for text in self.motion or ())
+        # A motion of constants has no effect, because only its changes move a pin. Three zeros
+        # are allowed: they say what happens.
         if self.motion and not uses_t and (pin.motion.by_place or pin.motion(0).any()):
             allowed = "must depend on t: only changes of a motion move a pin"
             remedy = 'Write "0.1 * t", or move the cloth by shift in [start].'
-            raise InputError(f"motion = {list(self.motion)}", allowed, "", remedy)
+            raise InputError(f"motion = {list(self.motion)}", allowed, remedy=remedy)
         return self
 
     @property
@@ -162,6 +174,7 @@ class PinTable(Table):
         return self._pin
 
     def _make_pin(self) -> Pin:
+        """Return the `Pin`, or the `Slide` of a table with a direction or a normal."""
         where: str | Region
         if self.where is None:
             condition = Formula(cast(str, self.inside), ("X", "Y"), condition=True)

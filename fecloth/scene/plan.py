@@ -25,31 +25,33 @@ GAMG_PER_TRIANGLE = 370
 
 
 def plan(problem: Problem, why: str) -> list[str]:
-    """Return lines on sizes, terms, method, solver, threads, memory, weight and explicit steps.
+    """Return lines that say, before its first step, what a run is about to do.
 
-    `why` says which linear solver was chosen, and why.
+    They state sizes, terms, pins, method, linear solver, threads, memory, the weight compared
+    with the bending stiffness, wrinkles, the notes of the problem and, for a motion, the largest
+    step of an explicit method. `why` says which linear solver was chosen, and why.
     """
     system = problem.system
     n = len(problem.system.cloth.X)
     if system.cloth.element == "P2":
-        name = "quadratic triangle"
+        element_name = "quadratic triangle"
     else:
-        name = "triangle"
+        element_name = "triangle"
     lines = [
-        f"{n} nodes, {amount(len(system.cloth.triangles), name)}, "
+        f"{n} nodes, {amount(len(system.cloth.triangles), element_name)}, "
         f"area {system.cloth.area:.6g} m², {system.constraints.count_free(n)} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
-        f"pins: {_pins(system)}",
-        _course(problem),
+        f"pins: {_describe_pins(system)}",
+        _describe_steps(problem),
         f"linear solver: {why}",
-        _threads_and_memory(problem),
+        _describe_threads_and_memory(problem),
         *_length_lines(system),
         *problem.notes(),
     ]
-    if problem.is_static:
+    if problem.is_static:  # no steps in time
         return lines
     limit = problem.planned.explicit_limit
-    if math.isfinite(limit):
+    if math.isfinite(limit):  # infinite: no term limits an explicit step
         speed = max(map(dimensionless.wave_speed, system.panel.fabrics))
         fastest = f"fastest wave in the fabric {speed:.3g} m/s"
         needs = f"an explicit method would need dt <= {limit:.3g} s (at the start)"
@@ -59,8 +61,11 @@ def plan(problem: Problem, why: str) -> list[str]:
     return lines
 
 
-def _pins(system: System) -> str:
-    """Return how many nodes each pin holds, and whether the cloth can turn about them."""
+def _describe_pins(system: System) -> str:
+    """Return in words how many nodes each pin holds, and whether the cloth can turn about them.
+
+    It can turn if all pins are on a line and none is clamped.
+    """
     counts = []
     for name, (pin, nodes) in system.constraints.groups.items():
         clamped = ", clamped" if pin.clamp else ""
@@ -72,8 +77,8 @@ def _pins(system: System) -> str:
     return words
 
 
-def _course(problem: Problem) -> str:
-    """Return the method, how the steps are chosen, and the end."""
+def _describe_steps(problem: Problem) -> str:
+    """Return in words the method, how its steps are chosen, and the end of the run."""
     if problem.is_static:
         return str(problem.method)
     steps = problem.steps
@@ -86,22 +91,30 @@ def _course(problem: Problem) -> str:
     return f"{problem.method}, {words} to t = {problem.t_end:g} s"
 
 
-def _threads_and_memory(problem: Problem) -> str:
+def _describe_threads_and_memory(problem: Problem) -> str:
+    """Return in words the threads of the loops and of the factorisations, and the memory.
+
+    A solver still to be chosen may iterate, or factor the matrix: then both memories are given.
+    """
     loops = problem.system.team.words(len(problem.system.cloth.triangles))
     if problem.method.traits.explicit:
         return f"{loops}, about {estimate_memory(problem.system, 'explicit'):.0f} MB"
     if problem.linear in ("pcg", "multigrid"):
         return f"{loops}, about {estimate_memory(problem.system, problem.linear):.0f} MB"
-    iterated = estimate_memory(problem.system, "pcg")
-    factored = estimate_memory(problem.system)
-    count = mkl_pardiso.threads()  # None: the MKL is not loaded
-    shares = f", {count} in factorisations" if count else ""
-    memory = f"about {iterated:.0f} MB, with a factor of the matrix {factored:.0f} MB"
-    return f"{loops}{shares}; {memory}"
+    when_iterated = estimate_memory(problem.system, "pcg")
+    when_factored = estimate_memory(problem.system, "direct")
+    mkl_threads = mkl_pardiso.threads()  # None: the MKL is not loaded
+    factorisations = f", {mkl_threads} in factorisations" if mkl_threads else ""
+    memory = f"about {when_iterated:.0f} MB, with a factor of the matrix {when_factored:.0f} MB"
+    return f"{loops}{factorisations}; {memory}"
 
 
 def _length_lines(system: System) -> Iterator[str]:
-    """Yield weight over bending stiffness, which tells whether bending matters, and wrinkles."""
+    """Yield lines on two lengths of the cloth, each where it can be computed.
+
+    The first has the weight compared with the bending stiffness, which tells whether bending
+    matters; the second has the length of wrinkles and of edges, to compare them.
+    """
     if number := dimensionless.weight_over_stiffness(system):
         length = dimensionless.unsupported_length(system)
         if dimensionless.is_surrounded_by_pins(system):
@@ -118,20 +131,23 @@ def _length_lines(system: System) -> Iterator[str]:
 def estimate_memory(system: System, solver: str = "direct") -> float:
     """Estimate the peak memory of a run [MB].
 
-    A constant for the program, and bytes in proportion to the n nodes, to the entries of the
-    gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b
-    blocks of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains
-    and of plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to
-    runs.
+    `solver` is the linear solver, "direct", "pcg" or "multigrid", or "explicit" for a method
+    that needs none. All numbers of bytes are fitted to the peaks of runs.
+
+    The memory is a constant for the program, and bytes in proportion to the n nodes, to the
+    entries of the gradients (triangles × quadrature points × nodes), to the triangles (a frame),
+    to the b blocks of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated
+    strains and of plates. Explicit runs have no matrix; there the hinges and springs count.
     """
     n = len(system.cloth.X)
     is_explicit = solver == "explicit"
     blocks = 0 if is_explicit else len(system.pattern.indices)
-    used: float = 258 * n + 157 * math.prod(system.cloth.gradients.shape[:3]) + 150 * blocks
+    gradients = math.prod(system.cloth.gradients.shape[:3])
+    used: float = 258 * n + 157 * gradients + 150 * blocks  # bytes
     used += 500 * len(system.cloth.triangles)
     for term in system.bound:  # the arrays of interpolated strains and of plates
         used += term.nbytes(explicit=is_explicit)
-        if is_explicit and isinstance(term, BoundCondition):
+        if is_explicit and isinstance(term, BoundCondition):  # a hinge or a spring
             used += 150 * len(term.nodes)
     used += 18 * blocks  # less than the matrix: what binding takes is free by then
     if solver == "pcg":
@@ -139,8 +155,9 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     if solver == "multigrid":
         used += MULTIGRID_PER_NODE * n + MULTIGRID_PER_BLOCK * blocks
     if solver == "direct":
+        # the fill of a factor grows with log₂ n, as of a grid in the plane
         used += (FILL[system.cloth.element] * math.log2(n) + 130) * blocks + 23e6
-    return 225 + used / 1e6
+    return 225 + used / 1e6  # the program itself takes 225 MB
 
 
 def memory_of_each(system: System, count: int) -> float:

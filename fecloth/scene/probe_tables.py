@@ -57,7 +57,7 @@ class Expectation(Table):
         for key, value in data.items() if isinstance(data, dict) else ():
             if isinstance(value, dict):
                 remedy = f'A name with a dot needs quotes, as in "mean_displacement.{key}".'
-                raise InputError(f"{key} = {value}", "unknown key", "", remedy)
+                raise InputError(f"{key} = {value}", "unknown key", remedy=remedy)
         return data
 
     @model_validator(mode="after")
@@ -65,7 +65,7 @@ class Expectation(Table):
         require_exactly_one(self, "relative", "absolute")
         if self.relative and self.value == 0:
             allowed = "must not be used with value = 0"
-            raise InputError("relative is given", allowed, "", "Use absolute.")
+            raise InputError("relative is given", allowed, remedy="Use absolute.")
         return self
 
     @property
@@ -138,14 +138,15 @@ def refuse_times(
     source: str,
     unit: str = " s",
 ) -> None:
-    """Raise `SceneError` for a value expected at a t outside the run.
+    """Raise `SceneError` for a value that is expected at a t outside the run, [start, end].
 
-    `unit` follows a value of t in words: " s", or " of the loads" of a static scene.
+    `source` is the file of the scene, for the message. `unit` follows a value of t in words:
+    " s", or " of the loads" of a static scene.
     """
     for name, expectations in expect.items():
         for expectation in expectations:
             at = expectation.at
-            if at is None or start <= at <= end:
+            if at is None or start <= at <= end:  # None: the end of the run
                 continue
             if at < start:
                 allowed = f"must be at least time.t_start = {start} [s]"
@@ -159,7 +160,10 @@ def refuse_times(
 def refuse_unknown(
     expect: Expected, interest: Interest | None, names: list[str], source: str
 ) -> None:
-    """Raise `SceneError` for a quantity that is not among the columns `names`."""
+    """Raise `SceneError` for an expected value or a quantity of interest without a column.
+
+    `names` are the columns of the run, and `source` is the file of the scene.
+    """
     for name in expect:
         if name not in names:
             allowed = f"unknown quantity; this run has {', '.join(names)}"
@@ -216,10 +220,24 @@ def check(
     energies: Mapping[str, np.ndarray],
     unit: str = " s",
 ) -> list[Verdict]:
-    """Compare the columns of a run, as in `Result`, with the expected values.
+    """Return a verdict on each expected value: whether the run has it, within its tolerance.
 
-    Values are interpolated linearly between steps. A time outside the run and a value that is
-    not a number fail.
+    Parameters
+    ----------
+    expect
+        The expected values by column.
+    times
+        The t of each row of the run.
+    observed, energies
+        The columns of the run, as in `Result`.
+    unit
+        What follows a value of t in words: " s", or " of the loads" of a static scene.
+
+    Returns
+    -------
+    list of Verdict
+        Values between rows are interpolated linearly. A time outside the run and a value that is
+        not a number fail: their `passed` is False.
     """
     columns = {**energies, **observed}
     verdicts = []
@@ -229,6 +247,6 @@ def check(
             value = float(np.interp(at, times, columns[name], left=np.nan, right=np.nan))
             expected = expectation.value
             tolerance = expectation.tolerance
-            passed = abs(value - expected) <= tolerance
+            passed = abs(value - expected) <= tolerance  # False for NaN
             verdicts.append(Verdict(name, at, value, expected, tolerance, passed, unit))
     return verdicts

@@ -46,17 +46,21 @@ class Problem(Setup):
         return notes + [f"note: {doubt}" for doubt in find_doubts(self.planned, NOTES)]
 
     def next_row(self, info: StepInfo) -> Wanted:
-        """Return the next step after `info` that must have a row, a frame or a restart file."""
+        """Return the next step after `info` that must have a row, a frame or a restart file.
+
+        It is wanted by its number and by its time: the step that reaches one of them first.
+        """
         row = rows_at_least(self.output.rows, self.start.t, self.t_end)(info)
         step = row.step
         t = row.t
-        if self.frame_steps:
+        if self.frame_steps:  # the next multiple of it
             step = min(step, info.step + self.frame_steps - info.step % self.frame_steps)
         start = self.start.t
-        every = self.output.restarts
-        if isinstance(every, int):
-            step = min(step, info.step + every - info.step % every)
-        elif every:
-            passed = math.floor((info.t - start) / every + 1e-9)
-            t = min(t, start + every * (passed + 1))
+        interval = self.output.restarts
+        if isinstance(interval, int):  # steps between two restart files
+            step = min(step, info.step + interval - info.step % interval)
+        elif interval:  # seconds between two restart files
+            # A t that round-off puts just before its restart file has reached it.
+            passed = math.floor((info.t - start) / interval + 1e-9)
+            t = min(t, start + interval * (passed + 1))
         return Wanted(step, t)

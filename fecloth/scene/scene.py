@@ -88,33 +88,39 @@ class Scene(Table):
     @model_validator(mode="before")
     @classmethod
     def _set_defaults(cls, data: dict[str, Any]) -> dict[str, Any]:
-        """Return the data with tuples for lists, and with the default mass of its element."""
+        """Return the tables with tuples for lists, and with the default of `mass`.
+
+        It is "consistent" for P2 elements and "lumped" for P1. Raise `InputError` for a scene
+        with both [time] and [equilibrium].
+        """
         data = as_tuples(data)
-        if "time" in data and "equilibrium" in data:
-            allowed = (
-                "a scene has one of them; with [equilibrium] it is static, without time and dt"
-            )
-            remedy = "Leave out the other."
-            raise InputError("time and equilibrium are given", allowed, "", remedy)
+        _refuse_time_with_equilibrium(data)
         cloth = data.get("cloth")
-        if not isinstance(cloth, dict):
+        if not isinstance(cloth, dict):  # a mistake, which the field `cloth` refuses
             return data
         pieces = cloth.get("pieces")
-        table: Any = cloth
-        if isinstance(pieces, dict):
-            table = next(iter(pieces.values()), {})
-        is_quadratic = isinstance(table, dict) and table.get("element") == "P2"
-        data.setdefault("mass", "consistent" if is_quadratic else "lumped")
+        table_with_element: Any = cloth
+        if isinstance(pieces, dict):  # all pieces have the same element: the first one tells it
+            table_with_element = next(iter(pieces.values()), {})
+        if isinstance(table_with_element, dict) and table_with_element.get("element") == "P2":
+            mass = "consistent"
+        else:
+            mass = "lumped"
+        data.setdefault("mass", mass)
         return data
 
     @model_validator(mode="after")
-    def _consistent(self):
+    def _check_tables_together(self):
+        """Raise `InputError` for tables of which each is valid, but not beside the others.
+
+        In a static scene also set the load steps that friction needs.
+        """
         require_exactly_one(self, "fabric", "fabrics")
         if self.fabrics == {}:
             raise InputError("fabrics = {}", "must name a region, as in [fabrics.body]")
         if isinstance(self.cloth, tables.Pieces) and self.start != Start(plane="xy"):
             remedy = "Write [cloths.NAME.start] for each piece."
-            raise InputError("[start] is given", "is for one piece", "", remedy)
+            raise InputError("[start] is given", "is for one piece", remedy=remedy)
         names = [probe.name for probe in self.probes]
         for i, name in enumerate(names):
             if name in names[:i]:
@@ -122,30 +128,38 @@ class Scene(Table):
         require_exactly_one(self, "time", "equilibrium")
         if self.equilibrium:
             self._refuse_time()
-            self._follow_friction(self.equilibrium)
+            self._set_steps_for_friction(self.equilibrium)
         if self.schedule.dt != "auto" and self.output.every and self.output.every < self.time.dt:
             allowed = f"must be at least time.dt = {self.time.dt} [s]"
             raise InputError(f"output.every = {self.output.every}", allowed)
         return self
 
     def _refuse_time(self) -> None:
-        """Raise `InputError` for keys that only a scene with [time] may have."""
+        """Raise `InputError` for keys that only a scene with [time] may have.
+
+        These are velocities, intervals in seconds, solvers that need a mass, and options of
+        Newton's iteration.
+        """
         static = "needs [time]: this scene has [equilibrium]"
         if self.start.velocity:
-            raise InputError("start.velocity is given", static, "", "Leave it out.")
+            raise InputError("start.velocity is given", static, remedy="Leave it out.")
         instead_of = {"every": "frames or every_steps", "restart_every": "restart_steps"}
         for key, instead in instead_of.items():
             if getattr(self.output, key):
-                raise InputError(f"output.{key} is given", static, "", f"Use {instead}.")
+                raise InputError(f"output.{key} is given", static, remedy=f"Use {instead}.")
         if self.solver.linear in ("pcg", "multigrid"):
             remedy = "Leave it out, or take direct, pardiso or superlu."
-            raise InputError(f'solver.linear = "{self.solver.linear}"', static, "", remedy)
+            raise InputError(f'solver.linear = "{self.solver.linear}"', static, remedy=remedy)
         if self.solver.make() != Newton():
             remedy = "Its tolerance and max_iterations are keys of [equilibrium]; leave others out."
-            raise InputError("[solver] has more than linear", static, "", remedy)
+            raise InputError("[solver] has more than linear", static, remedy=remedy)
 
-    def _follow_friction(self, static: EquilibriumTable) -> None:
-        """Take at least 20 load steps where a fabric has friction inside."""
+    def _set_steps_for_friction(self, static: EquilibriumTable) -> None:
+        """Set `equilibrium` to at least `LOAD_STEPS` load steps if a fabric has friction.
+
+        Friction inside a fabric depends on the path, so the loads must grow in small steps.
+        Raise `InputError` if friction is to be shaken out where no term has any.
+        """
         if self.fabric:
             fabrics = [self.fabric]
         else:
@@ -154,11 +168,12 @@ class Scene(Table):
         if static.friction != "laid" and not has_friction:
             what = f'equilibrium.friction = "{static.friction}"'
             allowed = "needs BendingFriction"
-            raise InputError(what, allowed, "", 'Add { type = "BendingFriction" } to terms.')
+            raise InputError(what, allowed, remedy='Add { type = "BendingFriction" } to terms.')
+        # A fabric without hysteresis has no friction, also with the term.
         if has_friction and any(any(fabric.make().hysteresis or ()) for fabric in fabrics):
             number = max(static.load_steps, LOAD_STEPS)
-            followed = static.model_copy(update={"load_steps": number})
-            object.__setattr__(self, "equilibrium", followed)
+            in_small_steps = static.model_copy(update={"load_steps": number})
+            object.__setattr__(self, "equilibrium", in_small_steps)
 
     @property
     def schedule(self) -> Time | EquilibriumTable:
@@ -259,12 +274,12 @@ def load_scene(
     overrides = tuple(overrides)
     data = override(toml_text.read(path), overrides)
     source = f"{path} with {', '.join(overrides)}" if overrides else str(path)
-    kind = Scene
+    scene_class = Scene
     text = toml_text.text(path)
-    if terms:  # a class of scenes that may also have these
-        term: Any = tables.terms_with(terms)[1]
-        kind = create_model("Scene", __base__=Scene, terms=(tuple[term, ...], ()))
-    scene = _check(kind, data, source, text, path.parent)
+    if terms:  # a class of scenes that may also have terms of these types
+        any_term: Any = tables.terms_with(terms)[1]  # the type of a table of any term
+        scene_class = create_model("Scene", __base__=Scene, terms=(tuple[any_term, ...], ()))
+    scene = _check(scene_class, data, source, text, path.parent)
     scene._trusts_geo = trust_geo
     scene._mesh_time = mesh_time
     return scene
@@ -277,12 +292,24 @@ def scene_of(tables: dict, trust_geo: bool = False) -> Scene:
     return scene
 
 
-def _check(kind: type[Scene], data: dict, source: str, text: str, folder: Path) -> Scene:
-    """Return the scene of these tables; raise `SceneError` with the `source` for any mistake."""
+def _refuse_time_with_equilibrium(data: dict[str, Any]) -> None:
+    """Raise `InputError` for a scene that has both tables."""
+    if "time" in data and "equilibrium" in data:
+        allowed = "a scene has one of them; with [equilibrium] it is static, without time and dt"
+        remedy = "Leave out the other."
+        raise InputError("time and equilibrium are given", allowed, remedy=remedy)
+
+
+def _check(scene_class: type[Scene], data: dict, source: str, text: str, folder: Path) -> Scene:
+    """Return the scene of the tables `data`; raise `SceneError` for any mistake.
+
+    `source` is the place of the mistake in messages, and `text` is the text of the file, for
+    the numbers of lines; the `folder` is the one to which paths in the tables are relative.
+    """
     with errors_at("", source):
         data = join_pieces(data)
     try:
-        scene = kind.model_validate(data, context={"folder": folder})
+        scene = scene_class.model_validate(data, context={"folder": folder})
     except ValidationError as error:
         raise scene_error(error, data, source, text) from None
     scene._source = source or "the scene"

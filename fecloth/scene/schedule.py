@@ -60,24 +60,36 @@ class Time(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _method_by_name(cls, data: Any) -> Any:
-        if isinstance(data, dict) and "method" not in data:
+    def _make_method_a_table(cls, data: Any) -> Any:
+        """Return the table with its method as a table, in place of a name or of none.
+
+        A missing method is "auto". Raise `InputError` if it is missing beside a fixed dt, which
+        only a method that the user has chosen can take.
+        """
+        if not isinstance(data, dict):
+            return data
+        if "method" not in data:
             if data.get("dt", "auto") != "auto":
                 remedy = "Or leave dt out, too: then both are chosen."
                 allowed = f"must be one of {', '.join(_METHODS)}"
-                raise InputError("method is missing", allowed, "", remedy)
+                raise InputError("method is missing", allowed, remedy=remedy)
             return data | {"method": {"type": "auto"}}
-        if isinstance(data, dict) and isinstance(data.get("method"), str):
+        if isinstance(data["method"], str):
             return data | {"method": {"type": data["method"]}}
         return data
 
     @model_validator(mode="after")
-    def _finitely_many(self):
+    def _check_steps(self):
+        """Raise `InputError` for an end before the start, or for steps that cannot be taken.
+
+        With dt = "auto" these are tolerances that `Adaptive` refuses. With a fixed dt these are
+        keys of chosen steps, a dt too small for the clock of a run, and too many steps.
+        """
         if not self.t_end > self.t_start:
             allowed = f"must be greater than {self.t_start:g} [s]"
             raise InputError(f"t_end = {self.t_end!r}", allowed)
         if self.dt == "auto":
-            self.steps()
+            self.steps()  # raises `InputError` for wrong tolerances
             return self
         for key in CHOSEN:
             if getattr(self, key) is not None:
@@ -85,13 +97,13 @@ class Time(Table):
         if self.method.type == "auto":
             raise InputError(f"dt = {self.dt!r}", 'must be "auto" with method = "auto"')
         if problem := coarse_clock(max(abs(self.t_start), abs(self.t_end)), self.dt):
-            raise InputError(f"dt = {self.dt!r}", problem, "", EARLIER)
+            raise InputError(f"dt = {self.dt!r}", problem, remedy=EARLIER)
         steps = (self.t_end - self.t_start) / self.dt
         if steps > MOST_STEPS:
             what = f"dt = {self.dt!r} makes {steps:.2g} steps"
             allowed = f"must be at most {MOST_STEPS:.0e}"
             remedy = "A bare number is in seconds."
-            raise InputError(what, allowed, "", remedy)
+            raise InputError(what, allowed, remedy=remedy)
         return self
 
     def steps(self) -> StepChoice | Auto:
@@ -182,7 +194,8 @@ class Output(Table):
         return {"frames": 50} | data
 
     @model_validator(mode="after")
-    def _one_spacing(self):
+    def _check_spacings(self):
+        """Raise `InputError` for two spacings of frames or of restart files, or without h5py."""
         require_exactly_one(self, "frames", "every", "every_steps")
         if self.restart_steps and self.restart_every:
             require_exactly_one(self, "restart_steps", "restart_every")

@@ -51,10 +51,15 @@ class Table(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, data: Any) -> Any:
+    def _check_keys(cls, data: Any) -> Any:
+        """Return the table with its quantities in SI.
+
+        Raise `InputError` for unknown keys or, if there are none, for missing keys: the first
+        mistake, whose `also` has the others.
+        """
         if not isinstance(data, dict):
             return data
-        if refusals := _unknown(data, cls) or _missing(data, cls):
+        if refusals := _errors_of_unknown_keys(data, cls) or _errors_of_missing_keys(data, cls):
             refusals[0].also = tuple(refusals[1:])
             raise refusals[0]
         return in_si(data, cls.model_fields)
@@ -62,43 +67,53 @@ class Table(BaseModel):
     @field_validator("*", mode="wrap")
     @classmethod
     def _describe_mistake(cls, value: Any, handler, info) -> Any:
+        """Return the value as `handler`, the check of a field by pydantic, returns it.
+
+        For an error of pydantic raise an `InputError` that says what the field allows. Errors
+        that are described already, or that `error_words` describes, pass unchanged.
+        """
         field = cls.model_fields[info.field_name]
         try:
             return handler(value)
         except ValidationError as error:
-            ours = any(e["type"] == "value_error" for e in error.errors())
-            if ours or holds_tables(field.annotation):
+            # pydantic's name for an `InputError` that a check of ours has raised
+            is_described = any(item["type"] == "value_error" for item in error.errors())
+            if is_described or holds_tables(field.annotation):
                 raise
             words = options(field.annotation)
             if isinstance(value, str):
                 remedy = did_you_mean(value, words)
             else:
                 remedy = ""
-            raise InputError("", f"must be {phrase(field)}", "", remedy) from None
+            raise InputError("", f"must be {phrase(field)}", remedy=remedy) from None
 
 
-def _unknown(data: dict, table: type[Table]) -> list[InputError]:
-    """Return an error for each key that the table does not have."""
-    known = (*table.model_fields, *table.shorthands)
-    at_top = {"title", "mass", "fabric", "grain_degrees"}  # TOML puts a late one into a table
+def _errors_of_unknown_keys(data: dict, table: type[Table]) -> list[InputError]:
+    """Return an `InputError` for each key of `data` that the table does not have.
+
+    A remedy names the nearest key, or what to write in place of a usual mistake.
+    """
+    known_keys = (*table.model_fields, *table.shorthands)
+    # Keys of the scene itself. Below the header of a table, TOML makes them keys of that table.
+    keys_of_scene = {"title", "mass", "fabric", "grain_degrees"}
     refusals = []
     for key, value in data.items():
         if key in table.model_fields:
             continue
-        if key in at_top:
+        if key in keys_of_scene:
             remedy = f"Write {key} before the first table."
         else:
-            remedy = table.remedies.get(key) or did_you_mean(key, known)
+            remedy = table.remedies.get(key) or did_you_mean(key, known_keys)
         what = f"{key} = {shorten(value)}"
-        allowed = f"unknown key; the keys are {', '.join(known)}"
-        refusals.append(InputError(what, allowed, "", remedy))
+        allowed = f"unknown key; the keys are {', '.join(known_keys)}"
+        refusals.append(InputError(what, allowed, remedy=remedy))
     return refusals
 
 
-def _missing(data: dict, table: type[Table]) -> list[InputError]:
+def _errors_of_missing_keys(data: dict, table: type[Table]) -> list[InputError]:
     """Return an error for each required key that is not in the data."""
     return [
-        InputError(f"{key} is missing", f"must be {phrase(field)}", "", meaning(field))
+        InputError(f"{key} is missing", f"must be {phrase(field)}", remedy=meaning(field))
         for key, field in table.model_fields.items()
         if field.is_required() and key not in data
     ]
@@ -117,12 +132,14 @@ class Made(Table):
     @model_validator(mode="before")
     @classmethod
     def _read_old_names(cls, data: Any) -> Any:
+        """Return the table with today's names in place of older names of its keys."""
         if isinstance(data, dict):
             return by_new_names(cls.makes.__name__, data)
         return data
 
     @model_validator(mode="after")
     def _make_object(self):
+        """Make the object from the fields, and raise the `InputError` of its class."""
         values = {}
         for field in dataclasses.fields(self.makes):
             if field.init:
@@ -137,30 +154,28 @@ class Made(Table):
 
 
 def table_of(cls: type, name: str = "", **more) -> type[Made]:
-    """Return the table of a dataclass: its fields are the keys.
+    """Return the class of tables that stand for objects of the dataclass `cls`.
 
-    With a `name` the table also has the key `type`, whose value must be that name. The text of
-    the table and the meanings of its keys come from the dataclass's docstring. A field annotated
-    ``object`` holds another term, such as the law of a damping. What no file can hold, such as
-    functions, is removed from the types of fields. `more` has types and defaults in place of a
-    field's own.
+    Its keys are the fields of the dataclass, with their types and defaults. With a `name` the
+    table also has the key `type`, whose value must be that name. The text of the table and the
+    meanings of its keys come from the dataclass's docstring. A field annotated ``object`` holds
+    another term, such as the law of a damping. What no file can hold, such as functions, is
+    removed from the types of fields. `more` has (type, default) for keys that differ from their
+    field, or that are no field.
     """
     text, meanings = parts_of_docstring(cls)
     hints = typing.get_type_hints(cls, include_extras=True)
-    fields: dict[str, Any] = {"type": (Literal[name], ...)} if name else {}
+    fields: dict[str, Any] = {}  # (type, default) of each key; the default ... means: required
+    if name:
+        fields["type"] = (Literal[name], ...)
+    # Fields that are passed by name come last, as in the call of the class.
     for field in sorted(dataclasses.fields(cls), key=lambda field: field.kw_only is True):
-        if not field.init:
+        if not field.init:  # computed by the class, not given by the user
             continue
         hint = writable(hints[field.name])
-        if hint is object:
+        if hint is object:  # "Term" is resolved when all tables of terms are made
             hint = Union[ForwardRef("Term"), None]  # noqa: UP007
-        if field.default_factory is not dataclasses.MISSING:
-            default = field.default_factory()
-        elif field.default is not dataclasses.MISSING:
-            default = field.default
-        else:
-            default = ...
-        fields[field.name] = (hint, default)
+        fields[field.name] = (hint, _find_default(field))
     described: dict[str, Any] = {
         key: (hint, Field(default, description=meanings.get(key)))
         for key, (hint, default) in (fields | more).items()
@@ -176,16 +191,28 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
     return model
 
 
-def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
-    """Return the text before the first section, and what Parameters says of each name.
+def _find_default(field: dataclasses.Field) -> Any:
+    """Return the default of a dataclass's field; ... for a field that has none."""
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    if field.default is not dataclasses.MISSING:
+        return field.default
+    return ...
 
-    Names of a base class are described in the docstring of the base class.
+
+def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
+    """Return the text of a class's docstring before its first section, and its Parameters.
+
+    The second is a dict: the words on each name, on one line. Names that a base class describes
+    are in it, too.
     """
     text = ""
     meanings = dict[str, str]()
-    for base in reversed(cls.__mro__[:-1]):
+    for base in reversed(cls.__mro__[:-1]):  # from the farthest base to the class itself
+        # sections: the name of a section and its text, in turn
         text, *sections = re.split(r"\n\n(\w+)\n-{4,}\n", inspect.getdoc(base) or "")
         parameters = dict(zip(sections[::2], sections[1::2], strict=True)).get("Parameters", "")
+        # an item: a line with names, and the indented lines below it
         items = re.findall(r"^(\S.*)\n((?:(?: {4}.*)?(?:\n|$))+)", parameters, re.MULTILINE)
         for names, words in items:
             meanings |= dict.fromkeys(names.split(", "), " ".join(words.split()))
@@ -193,20 +220,23 @@ def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
 
 
 def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:
-    """Return the type of a table that is one of several kinds; the text at `key` says which."""
+    """Return the type of a table that is one of several kinds.
 
-    def tag(data):
+    The text at its `key` says which kind it is, and `tables` has the class of each kind. A table
+    of none of them is an error of pydantic's type "kind", which `error_words` describes.
+    """
+
+    def find_kind(data):
+        """Return the text at `key` of a table, as read or as made; None if there is none."""
         if isinstance(data, dict):
-            value = data.get(key)
+            kind = data.get(key)
         else:
-            value = getattr(data, key, None)
-        if isinstance(value, str):
-            return value
-        return None
+            kind = getattr(data, key, None)
+        return kind if isinstance(kind, str) else None
 
     tagged = tuple(Annotated[table, Tag(name)] for name, table in tables.items())
     discriminator = Discriminator(
-        tag,
+        find_kind,
         custom_error_type="kind",
         custom_error_message=f"{key}: {', '.join(tables)}",  # parsed by `error_words`
     )
@@ -223,7 +253,7 @@ def as_tuples(value: Any) -> Any:
 
 
 def require_exactly_one(table: Table, *keys: str) -> None:
-    """Refuse a table with none or several of these keys."""
+    """Raise `InputError` for a table with none or several of these keys."""
     used = [key for key in keys if getattr(table, key) is not None]
     if len(used) != 1:
         if used:

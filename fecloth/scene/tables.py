@@ -86,10 +86,13 @@ _TERMS: dict[str, Any] = {
 
 
 def terms_with(own: Mapping[str, type]) -> tuple[dict[str, type[Made]], Any]:
-    """Return the tables of the package's terms and the user's own by name, and their union.
+    """Return the table of each type of term by its name, and the type of a table of any term.
 
-    A term may hold another term (the law of a damping), so the tables refer to their union by
-    the name "Term", which is resolved at the end.
+    The types of terms are those of the package and the user's `own`. Raise `InputError` for an
+    own type with the name of a term of the package, or that is no class of a term.
+
+    A term may hold another term (the law of a damping), so the tables refer to the type of any
+    term by the name "Term", which is resolved at the end.
     """
     for name, cls in own.items():
         if name in _TERMS:
@@ -158,6 +161,11 @@ class FabricTable(_FabricFields):
     @model_validator(mode="before")
     @classmethod
     def _fill_from_shorthand(cls, data: Any, info: ValidationInfo) -> Any:
+        """Return the table with constants in place of a name or of the key of a shorthand.
+
+        Constants that the table itself has go before those of the shorthand. Raise `InputError`
+        for several shorthands, or for one that gives no constants.
+        """
         if isinstance(data, str):  # fabric = "cotton"
             data = {"preset": data}
         if not isinstance(data, dict):
@@ -165,22 +173,30 @@ class FabricTable(_FabricFields):
         used = [key for key in cls.shorthands if key in data]
         if len(used) > 1:
             raise InputError(f"{used[0]} and {used[1]} are given", "give one of them")
-        rest = {key: value for key, value in data.items() if key not in used}
+        own_constants = {key: value for key, value in data.items() if key not in used}
         if not used:
-            return rest
+            return own_constants
         folder = Path((info.context or {}).get("folder", "."))
-        constants = _constants(used[0], data[used[0]], folder)
-        replaced = set(rest)
-        if "bending_rigidity" in rest:  # the rigidity on the bias belongs to the replaced pair
+        constants = _constants_of_shorthand(used[0], data[used[0]], folder)
+        replaced = set(own_constants)
+        if "bending_rigidity" in own_constants:
+            # The shorthand's rigidity on the bias belongs to its rigidities along the yarns.
             constants.pop("bias_rigidity", None)
             replaced.add("bias_rigidity")
-        if own := constants.get("uncertainty"):
-            rest["uncertainty"] = merged(own, replaced, rest.get("uncertainty") or {})
-        return {**constants, **rest}
+        if uncertainty := constants.get("uncertainty"):
+            # The shorthand's uncertainty of a constant that was replaced does not count.
+            own_uncertainty = own_constants.get("uncertainty") or {}
+            own_constants["uncertainty"] = merged(uncertainty, replaced, own_uncertainty)
+        return {**constants, **own_constants}
 
 
-def _constants(key: str, value: Any, folder: Path) -> dict:
-    """Return the constants for which a shorthand, the `key`, stands."""
+def _constants_of_shorthand(key: str, value: Any, folder: Path) -> dict:
+    """Return the constants of a fabric that a shorthand of [fabric] gives.
+
+    `key` is the shorthand: "preset", "file", "kes" or "fast"; `value` is what the scene has at
+    this key, and the `folder` that of the scene. Raise `InputError` for a preset or a file that
+    does not exist, and for readings from which no fabric can be made.
+    """
     if key == "preset":
         return presets.constants(value)
     if key == "file":
@@ -188,11 +204,11 @@ def _constants(key: str, value: Any, folder: Path) -> dict:
     if not isinstance(value, dict):
         allowed = 'must be a table of instrument readings, as in { W = 20.0, "2HB" = 0.05 }'
         raise InputError(f"{key} = {brief(value)}", allowed)
-    make, names = _INSTRUMENTS[key]
-    settings = {name: value[name] for name in names if name in value}
+    make_fabric, names_of_settings = _INSTRUMENTS[key]
+    settings = {name: value[name] for name in names_of_settings if name in value}
     readings = {name: reading for name, reading in value.items() if name not in settings}
     with errors_of("", f"{key}."):
-        return dataclasses.asdict(make(readings, **settings))
+        return dataclasses.asdict(make_fabric(readings, **settings))
 
 
 def _from_file(name: Any, folder: Path) -> dict:
@@ -201,11 +217,12 @@ def _from_file(name: Any, folder: Path) -> dict:
         raise InputError(f"file = {brief(name)}", "must be the path of a TOML file")
     if problem := file_problem(folder / name):
         reason, remedy = problem
-        raise InputError(f"file = {name!r}", f"{folder / name}: {reason}", "", remedy)
+        raise InputError(f"file = {name!r}", f"{folder / name}: {reason}", remedy=remedy)
     with errors_of("", f"file = {name!r}: "):
         return constants_in(folder / name)
 
 
+# The constructor of a fabric, and the names of its arguments beside the readings.
 _INSTRUMENTS: dict[str, tuple[Callable[..., Fabric], tuple[str, ...]]] = {
     "kes": (Fabric.from_kes, ("load", "tensile")),
     "fast": (Fabric.from_fast, ("load",)),

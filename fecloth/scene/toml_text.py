@@ -28,21 +28,30 @@ def read(path: str | Path) -> dict:
 
 
 def _toml_remedy(problem: str) -> str:
+    """Return what to do about the usual mistakes in TOML, or "".
+
+    `problem` is the message of `tomllib`, whose words tell the mistake.
+    """
     unclosed = ("Unterminated string", r"Illegal character '\n'", 'Expected "\'"')
     if any(words in problem for words in unclosed):
         return "A text has no closing quotation mark."
-    if found := re.search(r"Cannot declare \('(terms|pins|probes)',\) twice", problem):
-        return f"Write [[{found[1]}]], with two brackets, above each of them."
+    if match := re.search(r"Cannot declare \('(terms|pins|probes)',\) twice", problem):
+        return f"Write [[{match[1]}]], with two brackets, above each of them."
     if "Expected newline or end of document after a statement" in problem:
         return 'A text has quotation marks, also a number with a unit: h = "5 cm".'
     return ""
 
 
 def text(path: Path) -> str:
-    """Return the text of a file; raise `SceneError` if it cannot be read."""
+    """Return the text of the file of a scene.
+
+    Raise `SceneError` if there is no such file, if it has more than `MOST_BYTES`, and if it
+    cannot be read or is not UTF-8.
+    """
     where = str(path)
     if problem := file_problem(path):
-        raise SceneError(problem[0], "must be a scene file", where, problem[1])
+        reason, remedy = problem
+        raise SceneError(reason, "must be a scene file", where, remedy)
     try:
         size = path.stat().st_size
         if size > MOST_BYTES:
@@ -95,13 +104,17 @@ def override(data: dict, overrides: Iterable[str]) -> dict:
     """
     data = copy.deepcopy(data)
     for text in overrides:
-        keys, value = _override(text)
-        _set(data, keys, value, text)
+        keys, value = _parse_override(text)
+        _set_value(data, keys, value, text)
     return data
 
 
 def flatten(data: object, key: str = "") -> dict[str, Any]:
-    """Return the values of tables and lists by dotted keys: {"terms.0.type": "StVK", …}."""
+    """Return the values of tables and lists by dotted keys: {"terms.0.type": "StVK", …}.
+
+    `key` is the dotted key of `data` itself, "" for a whole scene. Empty tables and lists have
+    no value.
+    """
     if not isinstance(data, Mapping | list | tuple):
         return {key: data}
     items: Iterable[tuple] = data.items() if isinstance(data, Mapping) else enumerate(data)
@@ -112,15 +125,19 @@ def flatten(data: object, key: str = "") -> dict[str, Any]:
     return flat
 
 
-def _override(text: str) -> tuple[list[str], object]:
-    """Return the keys and the value of an override, "a.b=1"."""
+def _parse_override(text: str) -> tuple[list[str], object]:
+    """Return the keys, ["a", "b"], and the value, 1, of an override, "a.b=1".
+
+    Raise `SceneError` for a text that is no override. A value that is not TOML stays a text if
+    it is a plain word or a number with a unit.
+    """
     key, equals, value = text.partition("=")
     value = value.strip()
     where = f"override {text!r}"
     if not (equals and key.strip() and value):
         raise SceneError("no key=value", 'write it like "time.dt=0.005"', where)
     try:
-        keys = _keys(tomllib.loads(f"{key} = 0"))
+        keys = _keys(tomllib.loads(f"{key} = 0"))  # TOML's own rules for dotted keys
     except (ValueError, RecursionError) as error:
         raise SceneError(f"key {key!r} is not a dotted key ({error})", where=where) from None
     try:
@@ -132,15 +149,20 @@ def _override(text: str) -> tuple[list[str], object]:
 
 
 def _keys(chain) -> list[str]:
-    """["a", "b"] of {"a": {"b": 0}}."""
+    """Return the keys of nested tables, each with one key: ["a", "b"] of {"a": {"b": 0}}."""
     if chain == 0:
         return []
     ((key, rest),) = chain.items()
     return [key, *_keys(rest)]
 
 
-def _set(data: dict, keys: list[str], value, text: str) -> None:
-    """Set the value of a dotted key in tables and lists; `text` is the override."""
+def _set_value(data: dict, keys: list[str], value, text: str) -> None:
+    """Change `data`, tables and lists, so that the dotted key `keys` has the value.
+
+    Missing tables are made, and a name on the way becomes the table that it replaces. Raise
+    `SceneError`, which names the override by its `text`, for an item that a list does not have,
+    and for a key within a plain value.
+    """
     place = data
     where = f"override {text!r}"
     for depth, key in enumerate(keys):
@@ -154,15 +176,16 @@ def _set(data: dict, keys: list[str], value, text: str) -> None:
             raise SceneError(f"{'.'.join(keys[:depth])} = {place!r}", "is no table", where)
         if depth == len(keys) - 1:
             place[key] = value
+            continue
+        if isinstance(key, int):
+            inner = place[key]
         else:
-            if isinstance(key, int):
-                inner = place[key]
-            else:
-                inner = place.setdefault(key, {})
-            place[key] = place = _table(inner, ".".join(keys[: depth + 1]))
+            inner = place.setdefault(key, {})
+        place[key] = _table_for_name(inner, ".".join(keys[: depth + 1]))
+        place = place[key]
 
 
-def _table(value, key: str):
+def _table_for_name(value, key: str):
     """Return the value, or the table that a name replaces."""
     if isinstance(value, str):
         for keys, name in _NAMED:

@@ -18,13 +18,21 @@ def fields(table: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def writable(hint: Any) -> Any:
-    """Return the part of a type that a file can hold, whose lists are read as tuples."""
+    """Return the part of a type that a file can hold.
+
+    Of a union, functions and arrays are left out, and also lists, because the lists of a file
+    are read as tuples. If nothing remains, the whole union stays.
+    """
     origin = get_origin(hint)
     args = get_args(hint)
     if origin is Annotated:
         return Annotated[(writable(args[0]), *args[1:])]
     if origin in (Union, types.UnionType):
-        kept = [a for a in args if get_origin(a) not in (Callable, list) and a is not np.ndarray]
+        kept = [
+            member
+            for member in args
+            if get_origin(member) not in (Callable, list) and member is not np.ndarray
+        ]
         return Union[tuple(map(writable, kept or args))]  # noqa: UP007
     if origin is tuple:
         return tuple[tuple(map(writable, args))]  # type: ignore[misc]  # made at run time
@@ -57,7 +65,7 @@ _LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 def phrase(field: FieldInfo) -> str:
     """Describe the values of a field, e.g. "a finite number > 0 [s]"."""
-    kinds = _words(field.annotation) + _limits(field.metadata)
+    kinds = _describe_type(field.annotation) + _describe_limits(field.metadata)
     units = " or ".join(dimension.si for dimension in dimensions(field))
     if units:
         return f"{kinds} [{units}]"
@@ -69,8 +77,12 @@ def meaning(field: FieldInfo) -> str:
     return " ".join((field.description or "").split())
 
 
-def _limits(metadata) -> str:
-    """Describe the limits of a number: " > 0", " >= 0 and < 1", or ""."""
+def _describe_limits(metadata) -> str:
+    """Describe the limits of a number in the metadata of its type.
+
+    For example " > 0", " >= 0 and < 1", or "" for a number without limits.
+    """
+    # An item is a limit, or a `Field` of pydantic that contains limits.
     flat = [part for item in metadata for part in getattr(item, "metadata", [item])]
     limits = [
         f" {sign} {getattr(part, name)}"
@@ -81,22 +93,25 @@ def _limits(metadata) -> str:
     return " and".join(limits)
 
 
-def _words(hint, many: bool = False) -> str:
-    """Describe the values of a type in words, in the plural for `many`."""
+def _describe_type(hint, many: bool = False) -> str:
+    """Describe the values of a type in words, in the plural for `many`.
+
+    For example "a finite number", "one of laid, shaken", or "a list of 3 finite numbers".
+    """
     origin = get_origin(hint)
     args = get_args(hint)
     if origin is Annotated:
-        return _words(args[0], many) + _limits(args[1:])
+        return _describe_type(args[0], many) + _describe_limits(args[1:])
     if origin is Literal:
         if len(args) > 1:
             return f"one of {', '.join(map(str, args))}"
         return repr(args[0])
     if origin in (Union, types.UnionType):
-        kinds = [_words(kind, many) for kind in args if kind is not types.NoneType]
+        kinds = [_describe_type(kind, many) for kind in args if kind is not types.NoneType]
         return " or ".join(dict.fromkeys(kinds))
     if origin is tuple:
         name = "lists" if many else "a list"
-        items = _words(args[0], many=True)
+        items = _describe_type(args[0], many=True)
         if args[-1] is Ellipsis:
             return f"{name} of {items}"
         return f"{name} of {len(args)} {items}"
@@ -104,7 +119,7 @@ def _words(hint, many: bool = False) -> str:
     if holds_tables(hint):
         return table
     if origin is dict:
-        return f"{table} of {_words(args[1], many=True)}"
+        return f"{table} of {_describe_type(args[1], many=True)}"
     if hint in _WORDS:
         return _WORDS[hint][many]
     return "only in Python"

@@ -199,12 +199,12 @@ def test_the_residual_is_below_1e_9_too(hanging, residual, small):
     assert in_place(hanging, [1e-2, 1e-4, 1e-6], residual=residual).is_small is small
 
 
-@pytest.mark.parametrize(("part", "stands"), [(0.8, False), (1.25, True)])
-def test_a_correction_longer_than_half_of_the_one_before_stands(hanging, part, stands):
+@pytest.mark.parametrize(("part", "stagnates"), [(0.8, False), (1.25, True)])
+def test_a_correction_longer_than_half_of_the_one_before_stagnates(hanging, part, stagnates):
     left = in_place(hanging, [1e-4, part * 0.5e-4])
-    assert left.stands is stands
-    assert left.is_needed is not stands
-    if stands:
+    assert left.stagnates is stagnates
+    assert left.is_needed is not stagnates
+    if stagnates:
         assert left.left == 1e-4
 
 

@@ -17,6 +17,6 @@ class LocalLink:
         self.workers = [Worker(description) for description in descriptions]
         return self.workers[0]
 
-    def each(self, name: str, arguments: Sequence[tuple]) -> list:
+    def call_each(self, name: str, arguments: Sequence[tuple]) -> list:
         pairs = zip(self.workers, arguments, strict=True)
         return [getattr(worker, name)(*own) for worker, own in pairs]
