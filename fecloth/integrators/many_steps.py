@@ -71,7 +71,10 @@ def many_steps(
 
 
 def _take_all(fused: FusedSteps, start: State, dt: float, steps: int) -> State | None:
-    """The end of all steps; None if it is not finite."""
+    """Return the state at the end of all steps, or None if values are not finite.
+
+    The steps are taken in portions of `AT_ONCE`. The held velocities of `start` are set to 0.
+    """
     v = fused.system.constraints.hold(start.v, np.zeros_like(start.v))
     state = State(start.t, start.x, v)
     memory: Any = LastForce(acceleration(fused.system, state), state)
@@ -98,7 +101,11 @@ def _bound(system: System, threads: int | str) -> tuple[FusedSteps, Lock]:
 
 
 def _refused(system: System) -> InputError:
-    """The error for a system that needs Python in each step: it says what needs it."""
+    """Return the error for a system without compiled steps; it names what needs Python.
+
+    It looks at the same conditions as `FusedSteps.bind`, in the same order as far as possible:
+    the mass, a term, and last a pin that rotates.
+    """
     remedy = "Use march with CentralDifference()."
     if system.mass_kind != "lumped":
         what = f"mass = {system.mass_kind!r}"

@@ -45,7 +45,7 @@ def test_the_factor_of_the_run_is_tried_again_after_some_steps():
 def test_contractions_of_a_step_are_kept_for_the_next_one():
     made = tangents(1)
     made.solvers(object(), True)
-    made.known["held"] = 0.2
+    made.contractions["held"] = 0.2
     made.solvers(object(), True)
-    assert made.known == {}
+    assert made.contractions == {}
     assert math.isclose(made.usual["held"], 0.2)
