@@ -96,8 +96,8 @@ class BDF2(WithMemory):
             past = (1.0, x), (0.5, x + half_step), (-0.5, x - half_step)
             return StepDifference(x, dt, 0.5 * dt, past, t=state.t)
         e, b_dt = _coefficients(dt, last)
-        past = (1 + e, x), (-e, x - last.dx)
-        return StepDifference(x, dt, b_dt, past, t=state.t)
+        both_before = (1 + e, x), (-e, x - last.dx)
+        return StepDifference(x, dt, b_dt, both_before, t=state.t)
 
     def _take(self, begin: Begin, solver: SolverContext) -> Step:
         """Take one step; if the force of contact jumps in it, take it again by backward Euler.

@@ -214,7 +214,8 @@ def _derive_unknown(
     def residual(dq: np.ndarray) -> np.ndarray:
         plus: np.ndarray = opening_plus.residual(q + size * dq)
         minus: np.ndarray = opening_minus.residual(q - size * dq)
-        return (plus - minus) / (2 * size)
+        derivative: np.ndarray = (plus - minus) / (2 * size)
+        return derivative
 
     guess = np.zeros_like(q)
     if opening_plus.guess is not None:  # the derivative of the first guess of q
@@ -223,7 +224,7 @@ def _derive_unknown(
     smallest = _smallest_scale(solution.opening, along)
 
     def size_of(dq: np.ndarray) -> float:
-        return float(max(np.linalg.norm(dq), smallest))
+        return max(float(np.linalg.norm(dq)), smallest)
 
     solvers = tangents.solvers(solution, has_matrix=step.counts.newton > 0)
     contractions = tangents.contractions
@@ -249,6 +250,6 @@ def _smallest_scale(opening: Any, along: Along) -> float:
     displacement which the derivatives `along` at the begin give alone.
     """
     stage = getattr(opening, "stage", None)
-    x_by_q = stage.w_end if stage else opening.dt  # ∂x/∂q at the end of the step
+    x_by_q: float = stage.w_end if stage else opening.dt  # ∂x/∂q at the end of the step
     displacement = float(np.linalg.norm(along.x) + opening.dt * np.linalg.norm(along.v))
     return SHARE_OF_BEGIN * displacement / x_by_q

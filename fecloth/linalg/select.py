@@ -131,7 +131,7 @@ class AutoSolver:
         return self._average[mode] + self._new_patterns * PATTERN[mode]
 
     def _prepare_work(self, mode: str) -> float:
-        """The work of a tangent, and of its factor."""
+        """Return the work of a tangent, and of its factor, in iterations of `PCG`."""
         tangent = TANGENT_WORK * self._blocks_in_row
         if mode == "direct":
             return tangent + 1.1 * self._blocks_in_row * self._solve_work(mode, 0)
@@ -165,14 +165,16 @@ class AutoSolver:
         self._solver.begin(wx, wa, x)
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Select a solver and let it prepare A."""
+        """Select the solver with the least average work, and let it prepare A.
+
+        The solver in use stays unless another one is clearly cheaper, see `RATIO_FOR_CHANGE`.
+        """
         is_new = self._pattern is not None and not A.pattern.same_as(self._pattern)
         self._pattern = A.pattern
         self._new_patterns += WEIGHT * (is_new - self._new_patterns)
         cheapest = min(self._make, key=self._average_with_pattern)
-        if self._average_with_pattern(cheapest) < RATIO_FOR_CHANGE * self._average_with_pattern(
-            self._mode
-        ):
+        average_in_use = self._average_with_pattern(self._mode)
+        if self._average_with_pattern(cheapest) < RATIO_FOR_CHANGE * average_in_use:
             self._use(cheapest)
         self._prepare(A)
 
