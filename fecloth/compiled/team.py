@@ -245,11 +245,11 @@ class Team:
     def each(
         self, size: int, call: Callable[[slice], Call], name: object = None, unit: int = 1
     ) -> None:
-        """Call a kernel for all of `size` elements, on one thread or in parts.
+        """Call a kernel for all of `size` elements, on one thread or in one part for each.
 
         ``call(part)`` returns the kernel and its arguments for a range of elements. The kernel
         must write only what belongs to its elements. Parts begin at multiples of `unit`
-        elements. `name` is as for `do`.
+        elements. `name` tells loops by the same kernel apart, whose times `do` compares.
         """
         function, arguments = call(slice(0, size))
         if not self.shares(size):

@@ -60,17 +60,17 @@ class StepTangents:
         Whether the tangents are symmetric.
     context
         The solver of the run; its linear solver holds the matrix of the last iteration.
-    count
+    parameters
         Number of parameters.
     tolerance
         Relative error of the unknown's derivative.
-    own
+    exact_solver
         The linear solver and the matrix of exact tangents; None until they are needed.
-    solution, exact
-        The solution of the last step, and the solution for which `own` is prepared.
-    number
+    solution, exact_solution
+        The solution of the last step, and the solution for which `exact_solver` is prepared.
+    steps
         Number of steps so far.
-    contractions, usual
+    contractions, earlier_contractions
         Contraction of the corrections by the name of the solver, see `correct`: in this step,
         and in the steps before.
     """
@@ -78,14 +78,14 @@ class StepTangents:
     system: System
     symmetric: bool
     context: SolverContext
-    count: int
+    parameters: int
     tolerance: float
-    own: Any = None
+    exact_solver: Any = None
     solution: Solution | None = None
-    exact: Solution | None = None
-    number: int = 0
+    exact_solution: Solution | None = None
+    steps: int = 0
     contractions: dict[str, float] = field(default_factory=dict)
-    usual: dict[str, float] = field(default_factory=dict)
+    earlier_contractions: dict[str, float] = field(default_factory=dict)
 
     def solvers(self, solution: Solution, has_matrix: bool) -> dict[str, Callable[[], Map]]:
         """Return functions that prepare a solver of J y = b for this step, by the solver's name.
@@ -97,23 +97,23 @@ class StepTangents:
         """
         if self.solution is not solution:
             self.solution = solution
-            self.number += 1
-            self.usual = {**self.usual, **self.contractions}
+            self.steps += 1
+            self.earlier_contractions = {**self.earlier_contractions, **self.contractions}
             self.contractions = {}
         held = partial(self._hold_factor, solution)
         exact = partial(self._make_exact, solution)
-        saved_solves = self.count * (self._solves_with("held") - self._solves_with("exact"))
+        saved_solves = self.parameters * (self._solves_with("held") - self._solves_with("exact"))
         solves_per_factor = PRICES.get(self.context.matrix_solver()[0].name, math.inf)
         # the contraction of the run's factor is only measured where that factor is used
-        is_trial = self.number % STEPS_BETWEEN_TRIALS == 0
+        is_trial = self.steps % STEPS_BETWEEN_TRIALS == 0
         exact_is_better = saved_solves > solves_per_factor and not is_trial
-        if self.exact is solution or exact_is_better or not has_matrix:
+        if self.exact_solution is solution or exact_is_better or not has_matrix:
             return {"exact": exact}
         return {"held": held, "exact": exact}
 
     def _solves_with(self, name: str) -> float:
         """Number of solves for a parameter, as its corrections have shrunk before."""
-        contraction = self.usual.get(name, ASSUMED_CONTRACTION)
+        contraction = self.earlier_contractions.get(name, ASSUMED_CONTRACTION)
         return max(1.0, math.log(self.tolerance) / math.log(contraction))
 
     def _hold_factor(self, solution: Solution) -> Map:
@@ -121,12 +121,13 @@ class StepTangents:
         return _solve_with(self.context.matrix_solver()[0], solution)
 
     def _make_exact(self, solution: Solution) -> Map:
-        """b ↦ J⁻¹ b with a factor of the tangent at the solution."""
-        self.own = self.own or self.system.linear_solver("direct", self.symmetric)[:2]
-        linear, matrix = self.own
-        if self.exact is not solution:
+        """b ↦ J⁻¹ b with a factor of the tangent at the solution, made once for a solution."""
+        if self.exact_solver is None:
+            self.exact_solver = self.system.linear_solver("direct", self.symmetric)[:2]
+        linear, matrix = self.exact_solver
+        if self.exact_solution is not solution:
             linear.prepare(solution.opening.tangent(solution.q, matrix))
-            self.exact = solution
+            self.exact_solution = solution
         return _solve_with(linear, solution)
 
 
@@ -140,7 +141,7 @@ def _solve_with(linear: Any, solution: Solution) -> Map:
 def derive_step(
     step: Step, along: Along, sides: Sides, tangents: StepTangents | None
 ) -> DerivedStep:
-    """Return the derivatives at the end of a step by a parameter p.
+    """Return the derivatives at the end of a step with respect to a parameter p.
 
     `along` are the derivatives at its begin; `sides` has ε and the systems at p + ε and p − ε.
     The step is opened at p + ε and at p − ε, each from the begin of the step there. With R(q; p)
@@ -201,7 +202,7 @@ def _derive_unknown(
     size: float,
     tangents: StepTangents,
 ) -> np.ndarray:
-    """Return the derivative δq (n, 3) of the step's unknown q by the parameter p.
+    """Return the derivative δq (n, 3) of the step's unknown q with respect to the parameter p.
 
     It is solved by corrections, see `derive_step`. `openings` are the step opened at p + ε and
     at p − ε with ε = `size`, and `along` are the derivatives at the begin of the step. The

@@ -227,7 +227,7 @@ def take_steps(
                     old[2, n, k] = a[i, k]
                     target[n, k] = x[i, k] + path[row, n, k]
         wait(member)
-        if stop[0] != 0:  # set after the last step: all threads see it only after the wait
+        if stop[0] != 0:  # the first thread sets it: the others may read it after a wait
             return s
         drift(x[own], v[own], a[own], dt, ahead[own], f[own])
         wait(member)

@@ -295,7 +295,11 @@ class FusedSteps:
         return done
 
     def _take_portion(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
-        """Take steps on one thread or on all, as the team decides; return their number."""
+        """Take a portion of steps on one thread or on all, as the team decides.
+
+        Return the number of steps taken: fewer than `sizes` (s,) if a stretch is beyond its
+        limits.
+        """
         team = self._team
 
         def take(forces: int, member: Member) -> int:
@@ -309,12 +313,14 @@ class FusedSteps:
             shared.start()
             addresses = [calls.address for calls in shared.calls]
             members = shared.members
+            # thread p calls `take` with the address of its own part of the forces
             return team.run(lambda p: take(addresses[p], members[p]), members[0].meeting)
 
         return team.do("steps", alone, together, float)
 
     @property
     def _team(self) -> Team:
+        """The threads that share the steps: one alone for a small cloth."""
         if self.team.shares(len(self.fields.mass)):
             return self.team
         return ALONE

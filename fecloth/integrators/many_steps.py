@@ -58,8 +58,8 @@ def many_steps(
     validation.whole("steps", steps, 1, "many_steps")
     validation.number("dt", dt, 0.0, "many_steps")
     number_of_threads(threads, "many_steps")
-    fused, turns = _bound(system, threads)
-    with turns, np.errstate(over="ignore", invalid="ignore"):
+    fused, lock = _bound(system, threads)  # the lock: Python threads may call this at once
+    with lock, np.errstate(over="ignore", invalid="ignore"):
         end = _take_all(fused, state, float(dt), steps)
     if end is None:
         taken = f"{amount(steps, 'step')} of dt = {dt:g} s from t = {state.t:g} s"
@@ -90,7 +90,11 @@ def _take_all(fused: FusedSteps, start: State, dt: float, steps: int) -> State |
 
 @lru_cache(maxsize=1)  # it takes as long as 500 steps of 2,000 triangles
 def _bound(system: System, threads: int | str) -> tuple[FusedSteps, Lock]:
-    """The fused steps of a system, and who may use them."""
+    """Return the fused steps of a system, and the lock of the one caller that may use them.
+
+    Those of the last system are kept. Raises `InputError` for a system that needs Python in
+    each step.
+    """
     if threads not in (1, system.threads):
         system = system.replace(threads=threads)
     team = ALONE if threads == 1 else None

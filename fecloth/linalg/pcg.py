@@ -41,11 +41,12 @@ def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
 
 @kernel
 def invert_blocks(diagonal: Array, values: Array, inverse: Array) -> int:
-    """Invert the symmetric diagonal blocks by their cofactors.
+    """Invert the symmetric diagonal blocks of a matrix by their cofactors.
 
     `diagonal` (n,) are the numbers of the blocks in `values` (b, 3, 3). The entries 11, 22, 33,
-    23, 13, 12 of their inverses are written to `inverse` (n, 6). The result is the first node
-    whose block is not positive definite (Sylvester's criterion), or −1.
+    23, 13, 12 of their inverses are written to `inverse` (n, 6). Return the first node whose
+    block is not positive definite (Sylvester's criterion), or −1; the blocks after it are not
+    inverted.
     """
     for i in range(len(diagonal)):
         a = values[diagonal[i]]

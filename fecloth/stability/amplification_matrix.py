@@ -109,7 +109,10 @@ def resolve_method(method):
 
 
 def _check_numbers(name: str, value, positive: bool) -> np.ndarray:
-    """The values as an array of floats; `InputError` unless all are > 0, or else >= 0."""
+    """Return the values as an array of floats.
+
+    Raises `InputError` unless all are finite and > 0 if `positive`, otherwise >= 0.
+    """
     value = floats(name, value, "amplification")
     if positive:
         sign = "> 0"

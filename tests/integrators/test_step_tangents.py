@@ -11,7 +11,9 @@ from fecloth.nonlinear.context import PRICES
 
 def tangents(count: int, linear: str = "pardiso") -> StepTangents:
     context = SimpleNamespace(matrix_solver=lambda: (SimpleNamespace(name=linear), None))
-    return StepTangents(None, True, context, count, 1e-4, usual={"held": 0.1, "exact": 1e-4})
+    return StepTangents(
+        None, True, context, count, 1e-4, earlier_contractions={"held": 0.1, "exact": 1e-4}
+    )
 
 
 def solvers_of_second_step(made: StepTangents) -> list[str]:
@@ -48,4 +50,4 @@ def test_contractions_of_a_step_are_kept_for_the_next_one():
     made.contractions["held"] = 0.2
     made.solvers(object(), True)
     assert made.contractions == {}
-    assert math.isclose(made.usual["held"], 0.2)
+    assert math.isclose(made.earlier_contractions["held"], 0.2)
