@@ -63,6 +63,7 @@ def carry_piece(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
     stretches = np.einsum("ij,hk->hijk", np.eye(3), held - centre).reshape(len(held), 3, 9)
     u, G = fit_motion(projectors, stretches, goal - held, UNKNOWN_MOTION)
     nodes = nodes + u + (nodes - centre) @ G.reshape(3, 3).T
+    # a node that goes much farther than the pins was not meant to: all move by their mean way
     if longest(nodes - start) > LONGEST_CARRIED * longest(way):
         return start + way.mean(axis=0)
     return nodes

@@ -234,12 +234,15 @@ class Constraints:
         values, vectors = np.linalg.eigh(self.projectors)  # columns of vectors
         sliding, number = np.nonzero(values > 0.5)
         nodes = np.concatenate([unpinned, self.nodes[sliding]])
-        units = 3 * len(unpinned)
-        slides = len(sliding)
+        unit_count = 3 * len(unpinned)
+        slide_count = len(sliding)
+        unit_columns = np.arange(unit_count)
+        slide_columns = unit_count + np.arange(slide_count)
         rows = (3 * nodes[:, None] + np.arange(3)).ravel()
-        columns = np.concatenate([np.arange(units), np.repeat(units + np.arange(slides), 3)])
-        data = np.concatenate([np.ones(units), vectors[sliding, :, number].ravel()])
-        return sparse.csc_matrix((data, (rows, columns)), shape=(3 * n, units + slides))
+        columns = np.concatenate([unit_columns, np.repeat(slide_columns, 3)])
+        data = np.concatenate([np.ones(unit_count), vectors[sliding, :, number].ravel()])
+        shape = 3 * n, unit_count + slide_count
+        return sparse.csc_matrix((data, (rows, columns)), shape=shape)
 
 
 def _remedy_for_two_pins(node: int, groups: dict, cloth: Cloth) -> str:

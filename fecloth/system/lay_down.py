@@ -127,12 +127,12 @@ def _balance(contact: _Contact, x: np.ndarray, f: np.ndarray, extent: float) -> 
             return float(n @ (contact.push(x + distance * along) + f))
 
         # nearer to the contact the push is larger than the load, farther away it is smaller
-        low = -extent
-        low *= contact.part(x, low * along)
-        high = 1e-6 * extent
-        while surplus(high) > 0:
-            high *= 2
-        distance = scipy.optimize.brentq(surplus, low, high, xtol=1e-15)
+        nearest = -extent
+        nearest *= contact.part(x, nearest * along)
+        farthest = 1e-6 * extent
+        while surplus(farthest) > 0:
+            farthest *= 2
+        distance = scipy.optimize.brentq(surplus, nearest, farthest, xtol=1e-15)
         x = x + distance * along
         has_left_contact = not contact.push(x).any()
         if has_left_contact or abs(distance) < 1e-12 * extent:
