@@ -6,7 +6,7 @@ backward:
     M⁻¹ = (D + U)⁻¹ D (D + L)⁻¹ + (I − (D + U)⁻¹ A) P C Pᵀ (I − A (D + L)⁻¹)
 
 with A = L + D + U. The correction C consists of two cycles of the next level (a W-cycle),
-since these cost little and save a third of the iterations; on the coarsest level it is one. M⁻¹
+since these cost little and save a third of the iterations; on a small level it is one. M⁻¹
 is symmetric for every symmetric A, and positive definite where C and D are. This needs no bound
 of eigenvalues, as Chebyshev smoothing does, and it remains true if the coarse levels belong to
 another matrix. C is definite because the eigenvalues of M⁻¹ Pᵀ A P are between 0 and 1 on all
@@ -337,6 +337,9 @@ class Multigrid(PCG):
 
 # The load and the correction of a level that does not exist: below the coarsest one.
 NOTHING = np.zeros((0, 3))
+# Nodes of a level from which on two cycles are worth their time: below, a second cycle saves no
+# iteration.
+FEWEST_NODES_OF_TWO_CYCLES = 60
 
 
 def cycle(levels: list[Level], b: np.ndarray, member: Member = ONLY) -> np.ndarray:
@@ -355,19 +358,19 @@ def _rows_of(matrix: sparse.bsr_matrix) -> BlockRows:
 
 
 def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
-    """Return the correction C b by two cycles, on the coarsest level by one; b is overwritten.
+    """Return the correction C b, by two cycles or on a small or the coarsest level by one.
 
-    The result is valid until the next call. All threads call this function and share a large
-    level; a small one is left to the first thread, while the others wait.
+    b is overwritten, and the result is valid until the next call. All threads call this function
+    and share a large level; a small one is left to the first thread, while the others wait.
     """
     level = levels[0]
-    is_coarsest = len(levels) == 1
-    x = level.work.result if is_coarsest else level.work.first
+    is_single = len(levels) == 1 or len(b) < FEWEST_NODES_OF_TWO_CYCLES
+    x = level.work.result if is_single else level.work.first
     if member.threads > 1 and len(b) < SMALLEST_SHARED_LOOP:
         if member.thread == 0:
             correct(levels, b, ONLY)
         wait(member)
-    elif is_coarsest:
+    elif is_single:
         cycle(levels, b, member)
     else:
         first = cycle(levels, b, member)

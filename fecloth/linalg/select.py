@@ -7,7 +7,7 @@ The solver "auto" is conjugate gradients, multigrid or a factorisation: each mat
 solver whose solves have taken the least work on average. Conjugate gradients begin. All
 averages begin with guesses. The averages of the solvers that are not in use fall slowly, so
 that each solver is tried again at times; the more work it took, the later. If a solve takes
-twice the guess of the cheapest other solver, it is given up. Then this work counts as the
+several times the guess of the cheapest other solver, it is given up. Then this work counts as the
 average of the first solver, and the other one continues at once. If the step size changes by
 more than a factor of 2, all averages begin anew. Where the pattern of the matrices changes, as
 with contact, the work of its analysis is added, in proportion to how often it changed lately.
@@ -54,8 +54,10 @@ WEIGHT = 1 / 12
 DECAY = 0.998
 # Another solver is taken if its average is less than this share of the average in use.
 RATIO_FOR_CHANGE = 0.85
-# A solve is given up if it takes more than this factor times the guess of another solver.
-PATIENCE = 2.0
+# A solve is given up if it takes more than this factor times the guess of another solver: soon
+# while nothing is known of the solver in use, later where its average is.
+FIRST_PATIENCE = 1.5
+PATIENCE = 3.0
 
 
 class AutoSolver:
@@ -191,8 +193,8 @@ class AutoSolver:
     ) -> tuple[np.ndarray, SolveInfo]:
         """Solve A x = b (n, 3) by the solver in use; return x (n, 3) and its `SolveInfo`.
 
-        If it fails or takes more than `PATIENCE` times the guess of the cheapest other solver,
-        that one takes over and solves at once. The work goes into the averages. Raises
+        If it fails or takes more than a factor (`FIRST_PATIENCE`, `PATIENCE`) times the guess of
+        the cheapest other solver, that one takes over and solves at once. The work goes into the averages. Raises
         `IndefiniteMatrix` if A is not positive definite, and `SolveFailed` if the direct solver
         fails.
         """
@@ -200,7 +202,8 @@ class AutoSolver:
         others = [mode for mode in self._make if mode not in ("pcg", self._mode)] or ["direct"]
         guesses = [(self.guess(mode) + self._new_patterns * PATTERN[mode], mode) for mode in others]
         cheapest_guess, other = min(guesses)
-        limit = PATIENCE * cheapest_guess
+        is_known = self._solves[self._mode] > 1
+        limit = (PATIENCE if is_known else FIRST_PATIENCE) * cheapest_guess
         if isinstance(self._solver, PCG):
             iteration_work = CYCLE_WORK if self._mode == "multigrid" else 1.0
             self._solver.max_iterations = max(10, int(limit / iteration_work))

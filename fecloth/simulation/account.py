@@ -18,16 +18,31 @@ NEVER = 2**62  # the number of no step
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What the accounts know of their run."""
+    """What the accounts know of their run.
+
+    Attributes
+    ----------
+    system
+        What moves.
+    method
+        The method as reports name it; see `method_to_report`.
+    start
+        The state before the first step.
+    step
+        Number of the last step before the start.
+    most_growth
+        As for `run`.
+    """
 
     system: System
-    method: Any  # as reports name it, see `method_to_report`
-    start: State  # before the first step
-    step: int  # number of the last step before the start
-    most_growth: float  # as for `run`
+    method: Any
+    start: State
+    step: int
+    most_growth: float
 
     @cached_property
     def surface(self) -> Surface:
+        """The triangles of the cloth, whose intersections are counted."""
         return Surface.from_cloth(self.system.cloth)
 
     @cached_property
@@ -39,35 +54,59 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """Where a run has ended."""
+    """Where a run has ended.
+
+    Attributes
+    ----------
+    state
+        The last state.
+    step
+        Number of the last step.
+    is_whole
+        Whether the run has reached its `t_end`.
+    """
 
     state: State
-    step: int  # number of the last step
-    is_whole: bool = True  # whether the run has reached its `t_end`
+    step: int
+    is_whole: bool = True
 
 
 class Account:
     """A figure of a run: a frozen record of the steps so far, marked with `remembered`.
 
     Each step replaces it. The map of fecloth (fecloth/README.md) says how to add one.
+
+    Attributes
+    ----------
+    name
+        Its name in restart files and in `Accounts.records`.
+    table
+        The table that has its `row`: "energies", "observed" or "steps".
+    due
+        Number of the step that must have a row for it.
+    sentence
+        A line for the log and the terminal at the end, or "".
     """
 
-    name: ClassVar[str]  # in restart files and `Accounts.records`
-    table: ClassVar[str] = "observed"  # where `row` stands: "energies", "observed" or "steps"
-    due: int = NEVER  # number of the step that must have a row for it
-    sentence: str = ""  # for the log and the terminal at the end
+    name: ClassVar[str]
+    table: ClassVar[str] = "observed"
+    due: int = NEVER
+    sentence: str = ""
 
     @classmethod
     def begin(cls, run: Run, others: "Accounts") -> Self:
-        """Return the record before the first step; `others` are the accounts before it."""
+        """Return the record before the first step; `others` are those before it in the list."""
         return cls()
 
     def follow(self, run: Run, info: StepInfo, others: "Accounts") -> Self:
-        """Return the record after a step that has a row; `others` are accounts after this step."""
+        """Return the record after a step that has a row.
+
+        `others` are the accounts before it in the list, after this step.
+        """
         return self
 
     def finish(self, run: Run, end: End, others: "Accounts") -> Self:
-        """Return the record with what is found out at the end of the run only."""
+        """Return the record with what only the end of the run tells."""
         return self
 
     def changed(self, **values: Any) -> Self:
@@ -110,13 +149,15 @@ class Accounts:
         return accounts
 
     def follow(self, run: Run, info: StepInfo) -> "Accounts":
+        """Return the accounts after a step that has a row."""
         return self._replace_each(lambda record, others: record.follow(run, info, others))
 
     def finish(self, run: Run, end: End) -> "Accounts":
+        """Return the accounts at the end of the run."""
         return self._replace_each(lambda record, others: record.finish(run, end, others))
 
     def _replace_each(self, new: "Callable[[Account, Accounts], Account]") -> "Accounts":
-        """Return new records, made one after the other from the old one and the new ones before."""
+        """Return new records, each made from the old one and the new ones before it."""
         records: dict[str, Account] = {}
         after = Accounts(records)
         for name, record in self.records.items():
@@ -145,7 +186,11 @@ class Accounts:
 
     def rows(self, observed: Mapping[str, float]) -> dict[str, dict[str, float]]:
         """Return the rows of the tables; `observed` are the first columns of "observed"."""
-        rows: dict[str, dict[str, float]] = {"energies": {}, "observed": {**observed}, "steps": {}}
+        rows: dict[str, dict[str, float]] = {
+            "energies": {},
+            "observed": dict(observed),
+            "steps": {},
+        }
         for record in self.records.values():
             rows[record.table].update(record.row())
         return rows
@@ -161,8 +206,10 @@ class Accounts:
         return list(new.values())
 
     def words(self) -> list[str]:
+        """Return the lines of all accounts for the log and the terminal at the end."""
         return [words for record in self.records.values() if (words := record.words())]
 
     def summary(self) -> dict[str, object]:
+        """Return the entries of all accounts in summary.json."""
         entries = [record.summary() for record in self.records.values()]
         return {key: value for entry in entries for key, value in entry.items()}

@@ -17,13 +17,25 @@ LEAST_AREA = 1e-3
 @remembered
 @dataclass(frozen=True)
 class BeyondCurve(Account):
-    """The largest part of the area that was beyond, and for how long, by steps with rows."""
+    """The largest part of the area that was beyond, and for how long, by steps with rows.
+
+    Attributes
+    ----------
+    t
+        Time of the last row [s].
+    area
+        Part of the area of the cloth.
+    time
+        For how long more than `LEAST_AREA` was beyond [s]; in load steps a part of the loads.
+    doubt
+        The doubt about it, at the end.
+    """
 
     name = "beyond_curve"
-    t: float  # [s] of the last row
+    t: float
     area: float = 0.0
-    time: float = 0.0  # [s], or part of the loads
-    doubt: Doubt | None = None  # at the end
+    time: float = 0.0
+    doubt: Doubt | None = None
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "BeyondCurve":
@@ -31,7 +43,9 @@ class BeyondCurve(Account):
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "BeyondCurve":
         area = area_beyond(run.system, info.result.state)
-        time = self.time + (info.t - self.t if area > LEAST_AREA else 0.0)
+        time = self.time
+        if area > LEAST_AREA:
+            time += info.t - self.t
         return self.changed(t=info.t, area=max(self.area, area), time=time)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "BeyondCurve":
@@ -39,7 +53,9 @@ class BeyondCurve(Account):
         return self.changed(doubt=doubt_curve(self.area, f", {self.time:.2g}{unit}"))
 
     def doubts(self) -> list[Doubt]:
-        return [self.doubt] if self.doubt else []
+        if self.doubt:
+            return [self.doubt]
+        return []
 
     def summary(self) -> dict[str, object]:
         if self.doubt:
@@ -48,16 +64,19 @@ class BeyondCurve(Account):
 
 
 def area_beyond(system: System, state: State) -> float:
-    """The part of the area where a strain is beyond its curve."""
+    """Return the part of the area where a strain is beyond its curve."""
     tables = [term for term in system.bound if term.has_curves]
+    if not tables:
+        return 0.0
     area = sum(term.beyond(state.x, state.t) for term in tables)
-    if tables:
-        return system.sums.total(area) / system.sums.total(system.cloth.area)
-    return 0.0
+    return system.sums.total(area) / system.sums.total(system.cloth.area)
 
 
 def doubt_curve(area: float, time: str = "") -> Doubt | None:
-    """Return a doubt for this part of the area; None for less than a thousandth."""
+    """Return a doubt for this part of the area, None for less than a thousandth.
+
+    `time` says for how long, after a comma; or "".
+    """
     if area <= LEAST_AREA:
         return None
     words = (

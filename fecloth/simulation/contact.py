@@ -20,16 +20,27 @@ STEPS_PER_BOUNCE = 50.0
 @remembered
 @dataclass(frozen=True)
 class Contact(Account):
-    """Where the cloth lies on obstacles at the end, and whether steps resolved its bounces."""
+    """Where the cloth lies on obstacles at the end, and whether steps resolved its bounces.
+
+    Attributes
+    ----------
+    sentence
+        By `describe_contact`, at the end.
+    ratio, least
+        Of the bounce that steps resolved least: the size of the step over gap/(50 v), and the
+        doubt about it.
+    is_finished
+        Whether the run has ended: only then there is a doubt.
+    """
 
     name = "contact"
-    sentence: str = ""  # by `describe_contact`
-    # Of the bounce that steps resolved least: the size of the step over gap/(50 v), and a doubt.
+    sentence: str = ""
     ratio: float = 0.0
     least: Doubt | None = None
     is_finished: bool = False
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Contact":
+        """Return the record after a step, with the bounce that steps resolved least so far."""
         after = self
         new = info.result.state
         for name, term in run.system.named:
@@ -47,7 +58,9 @@ class Contact(Account):
 
     def doubts(self) -> list[Doubt]:
         """Return the doubt about the bounce that was resolved least, at the end."""
-        return [self.least] if self.least and self.is_finished else []
+        if self.least and self.is_finished:
+            return [self.least]
+        return []
 
     def summary(self) -> dict[str, object]:
         if self.sentence:
@@ -56,14 +69,18 @@ class Contact(Account):
 
 
 def describe_contact(system: System, start: State, end: State) -> str:
-    """A sentence for each obstacle that touches the cloth at the end, or "" without obstacles.
+    """Return a sentence for each obstacle on which a cloth may lie, or "" without obstacles.
 
-    A cloth that an ideal obstacle carries lies on it. Here it lies at the mean distance D, the
-    gap less what the barrier gives way: errors of its place, beside the largest displacement.
+    A cloth that an ideal obstacle carries lies on it. Here it lies at a mean distance, the gap
+    less what the barrier gives way: errors of its place, beside the largest displacement.
     """
     moved = float(np.sqrt(((end.x - start.x) ** 2).sum(axis=1).max()))
-    means = [(name, term, term.mean_distance(end.x, end.t)) for name, term in system.named]
-    return "; ".join(_sentence(n, term.gap, D, moved) for n, term, D in means if D is not None)
+    sentences = []
+    for name, term in system.named:
+        mean = term.mean_distance(end.x, end.t)
+        if mean is not None:
+            sentences.append(_describe_rest(name, term.gap, mean, moved))
+    return "; ".join(sentences)
 
 
 def _unresolved(name: str, term: Any, v: float, dt: float) -> Doubt:
@@ -77,12 +94,20 @@ def _unresolved(name: str, term: Any, v: float, dt: float) -> Doubt:
     return Doubt(DoubtKind.BOUNCE, words, remedy)
 
 
-def _sentence(name: str, gap: float, mean: float, moved: float) -> str:
+def _describe_rest(name: str, gap: float, mean: float, moved: float) -> str:
+    """Return how far from an obstacle the cloth rests.
+
+    `mean` is the mean distance [m], NaN where it does not touch, and `moved` the largest
+    displacement [m].
+    """
     if np.isnan(mean):
         return f"{name} does not touch the cloth at the end"
-    parts = [100 * part / moved if moved else np.inf for part in (mean, gap, mean - gap)]
+    percents = np.full(3, np.inf)
+    if moved:
+        percents = 100 * np.array([mean, gap, mean - gap]) / moved
+    whole, from_gap, from_pressure = percents
     return (
-        f"the cloth rests {1e3 * mean:.3g} mm away from {name}, where it should touch: an error of "
-        f"{parts[0]:.2g} % of its largest displacement, {parts[1]:.2g} % from the gap and "
-        f"{parts[2]:.2g} % from the pressure on it"
+        f"the cloth rests {1e3 * mean:.3g} mm away from {name}, where it should touch: an error "
+        f"of {whole:.2g} % of its largest displacement, {from_gap:.2g} % from the gap and "
+        f"{from_pressure:.2g} % from the pressure on it"
     )

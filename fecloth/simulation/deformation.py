@@ -1,4 +1,4 @@
-"""The energy of a cloth's deformation, and how much its start, loads and pins can have given it."""
+"""The energy of a cloth's deformation, and how much its start, loads and pins can have given."""
 
 import math
 from collections.abc import Mapping
@@ -15,26 +15,39 @@ from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
 ERROR_OF_WORK = 0.05  # of the work of loads: by so much a ledger whose balance closes may err
-# Mean motion since the start over the extent of the cloth that counts as rest: round-off.
-LARGEST_CREEP = 1e-6
+# Motion since the start over the extent of the cloth: a cloth that has moved by less is at rest.
+# Round-off and the tolerances of the solvers stay below.
+MOTION_AT_REST = 1e-6
 
 
 @remembered
 @dataclass(frozen=True)
 class Deformation(Account):
-    """Kinetic energy of the deformation after a step [J]; its methods take the ledger there."""
+    """Kinetic energy of the deformation after a step [J]; its methods take the ledger there.
+
+    It is that of the motion relative to the rigid motion of each movable piece, of the free
+    directions: ½ w·M w with w = P (v − u − ω × r), see `Piece.rigid_velocity`.
+
+    Attributes
+    ----------
+    kinetic, opening
+        It now, and at the start.
+    in_place
+        Energies of the loads now, with each movable piece moved back by its mean displacement.
+    places
+        Place of each movable piece at the start (`Piece.place`) [m].
+    first
+        `kinetic` after the first step; None before it.
+    inflow, last_inflow
+        `find_inflow` now, and before the last step or before the steps without a row.
+    """
 
     name = "deformation"
-    # Of the motion relative to the rigid motion of each movable piece, of the free directions:
-    # ½ w·M w with w = P (v − u − ω × r), see `Piece.rigid_velocity`. Now, and at the start.
     kinetic: float
     opening: float
-    # Energies of the loads now, with each movable piece moved back by its mean displacement.
     in_place: Mapping[str, float]
-    # Place of each movable piece at the start (`Piece.place`) [m].
     places: tuple[tuple[float, ...], ...] = ()
-    first: float | None = None  # `kinetic` after the first step
-    # `find_inflow` now, and before the last step or before the steps without a row.
+    first: float | None = None
     inflow: float = 0.0
     last_inflow: float = 0.0
 
@@ -44,6 +57,7 @@ class Deformation(Account):
 
     @classmethod
     def open(cls, system: System, state: State, ledger: Ledger) -> "Deformation":
+        """Return the record at the start, with the ledger there."""
         places = tuple(tuple(place.tolist()) for place in _places(system, state))
         _, pin_v = system.constraints.target(state.t, 0.0, state.x)
         kinetic = _deforming_kinetic(system, state, ledger.kinetic, pin_v)
@@ -56,16 +70,18 @@ class Deformation(Account):
 
     def after(self, system: System, old: State, new: State, ledger: Ledger) -> "Deformation":
         """Return the record after a step between two states, with the ledger after it."""
+        pin_v = new.v
         if system.movable_pieces:
             pin_v = (new.x - old.x) / (new.t - old.t)
-        else:
-            pin_v = new.v
         kinetic = _deforming_kinetic(system, new, ledger.kinetic, pin_v)
         in_place = _energies_in_place(system, new, ledger.potential, self.places)
+        first = self.first
+        if first is None:
+            first = kinetic
         return self.changed(
             kinetic=kinetic,
             in_place=in_place,
-            first=kinetic if self.first is None else self.first,
+            first=first,
             inflow=find_inflow(ledger, kinetic, self.opening, in_place),
             last_inflow=self.inflow,
         )
@@ -81,7 +97,7 @@ class Deformation(Account):
         return max([self.kinetic, *(abs(change) for change in self._changes(ledger))])
 
     def _changes(self, ledger: Ledger) -> list[float]:
-        """Changes of the terms' energies since the start, loads in place [J]."""
+        """Return the changes of the terms' energies since the start, loads in place [J]."""
         now = {**ledger.potential, **self.in_place}
         return [energy - ledger.opening[name] for name, energy in now.items()]
 
@@ -96,8 +112,9 @@ class Deformation(Account):
             return math.inf
         gains = sum(max(0.0, -change) for change in self._changes(ledger))
         gains += max(0.0, self.inflow)
-        own = ERROR_OF_WORK * (ledger.lost_outside + sum(map(abs, ledger.work.values())))
-        return self.opening + (self.first or 0.0) + gains + own
+        exchanged = ledger.lost_outside + sum(map(abs, ledger.work.values()))
+        error = ERROR_OF_WORK * exchanged
+        return self.opening + (self.first or 0.0) + gains + error
 
 
 def find_inflow(
@@ -109,17 +126,19 @@ def find_inflow(
     subtracted, and what a load itself dissipates, such as the air. The arguments are as in
     `Deformation`.
     """
-    rigid = ledger.kinetic - kinetic
-    rigid -= ledger.opening["kinetic"] - opening
-    rigid += sum(ledger.potential[name] - energy for name, energy in in_place.items())
-    return sum(ledger.work.values()) + ledger.pins - ledger.lost_outside - rigid
+    change_of_rigid = ledger.kinetic - kinetic
+    change_of_rigid -= ledger.opening["kinetic"] - opening
+    change_of_rigid += sum(ledger.potential[name] - energy for name, energy in in_place.items())
+    return sum(ledger.work.values()) + ledger.pins - ledger.lost_outside - change_of_rigid
 
 
 def negligible_energy(system: System, seconds: float) -> float:
-    """Return the kinetic energy [J] below which a cloth is at rest: ½ m (1e-6 L/T)²."""
-    # m is its mass, L its largest extent and T the time; round-off and tolerances stay below.
-    pace = LARGEST_CREEP * system.cloth.extent / seconds
-    return 0.5 * system.total_mass * pace**2
+    """Return the kinetic energy [J] below which a cloth is at rest: ½ m (1e-6 L/T)².
+
+    m is its mass, L its largest extent and T the time since the start, `seconds` [s].
+    """
+    speed = MOTION_AT_REST * system.cloth.extent / seconds
+    return 0.5 * system.total_mass * speed**2
 
 
 def _deforming_kinetic(system: System, state: State, kinetic: float, pin_v) -> float:
@@ -146,6 +165,7 @@ def _is_one_free_body(system: System) -> bool:
 
 
 def _places(system: System, state: State) -> list[np.ndarray]:
+    """Return the place of each movable piece [m]."""
     return [piece.place(state.x, system.nodal_mass) for piece in system.movable_pieces]
 
 
@@ -154,7 +174,11 @@ def _energies_in_place(system: System, state: State, energies, start) -> dict[st
     if not start:
         return {}
     x = state.x.copy()
-    for piece, now, then in zip(system.movable_pieces, _places(system, state), start, strict=True):
+    places = _places(system, state)
+    for piece, now, then in zip(system.movable_pieces, places, start, strict=True):
         x[piece.nodes] -= now - then
-    loads = [pair for pair in system.named if pair[0] in energies and pair[1].load]
-    return {name: term.energy(x, state.t) for name, term in loads}
+    return {
+        name: term.energy(x, state.t)
+        for name, term in system.named
+        if name in energies and term.load
+    }

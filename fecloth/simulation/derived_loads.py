@@ -22,6 +22,13 @@ class DerivedLoads:
 
     Without friction and records of terms the end does not depend on the way there: the whole
     step is one increment then.
+
+    Attributes
+    ----------
+    step, old
+        The load step, and the state before it.
+    path
+        Its increments, each with the factor of K at its end.
     """
 
     step: Step
@@ -30,6 +37,7 @@ class DerivedLoads:
 
     @classmethod
     def of(cls, system: System, old: State, step: Step) -> Self:
+        """Return a load step from the state `old`, ready for its derivatives."""
         assert step.solution is not None
         path = step.solution.opening
         if step.earlier is None and not any(term.needs_path for term in system.bound):
@@ -40,7 +48,7 @@ class DerivedLoads:
         return cls(step, old, tuple((solved, StaticTangent.at(solved)) for solved in path))
 
     def derive(self, along: Along, sides: Sides) -> DerivedStep:
-        """The derivatives at the end of the step, and the step at p + ε and p − ε."""
+        """Return the derivatives at the end of the step, and the step at p + ε and p − ε."""
         at = replace(along, memory=None)
         for solved, tangent in self.path:
             derived = derive_increment(solved, at, sides, tangent)
@@ -56,7 +64,10 @@ class DerivedLoads:
         return DerivedStep(replace(end, history=at.history), (steps[0], steps[1]))
 
     def _close(self, along: Along, system: System, size: float, over: System, at: State) -> Step:
-        memory: LoadRate | None = self.step.solution.memory if self.step.solution else None
+        """Return the step to the equilibrium `at` over its last increment, `over`."""
+        memory: LoadRate | None = None
+        if self.step.solution:
+            memory = self.step.solution.memory
         history = shift(self.step.earlier, along.history, size)
         if memory is None:
             first = force_at(system, along.shift(self.old, size), history)

@@ -12,20 +12,25 @@ from fecloth.terms.traits import has_kind
 
 
 def wave_speed(fabric: Fabric) -> float:
-    """Speed √(Y / ((1 − ν₁₂ ν₂₁) ρ)) [m/s] of a stretching wave along the stiffer direction."""
+    """Return the speed √(Y / ((1 − ν₁₂ ν₂₁) ρ)) of a stretching wave [m/s].
+
+    It is that along the stiffer direction.
+    """
     warp, weft = fabric.tensile
     across = 1 - fabric.poisson_ratio**2 * weft / warp
     return math.sqrt(max(warp, weft) / across / fabric.areal_density)
 
 
 def swing_loss(angle: float) -> float:
-    """Part of the amplitude that backward Euler removes per period, with ω dt = angle."""
-    # Each step multiplies the amplitude by 1/√(1 + ω² dt²), and a period has 2π / (ω dt) steps.
+    """Return the part of the amplitude that backward Euler removes in a period; angle = ω dt.
+
+    Each step multiplies the amplitude by 1/√(1 + ω² dt²), and a period has 2π / (ω dt) steps.
+    """
     return -math.expm1(-math.pi / angle * math.log1p(angle**2))
 
 
 def gravity_magnitude(system: System) -> float:
-    """Magnitude [m/s²] of the sum of all `Gravity` terms."""
+    """Return the magnitude [m/s²] of the sum of all `Gravity` terms."""
     accelerations = [t.acceleration for t in system.terms if isinstance(t, Gravity)]
     if accelerations:
         return float(np.linalg.norm(np.sum(accelerations, axis=0)))
@@ -33,7 +38,10 @@ def gravity_magnitude(system: System) -> float:
 
 
 def distance_from_pins(system: System) -> float:
-    """Distance on the cloth of the node farthest from the pins [m]; 0 without pins."""
+    """Return the distance of the node farthest from the pins, in the flat cloth [m].
+
+    It is 0 without pins.
+    """
     pinned = system.constraints.nodes
     if not len(pinned):
         return 0.0
@@ -42,7 +50,7 @@ def distance_from_pins(system: System) -> float:
 
 
 def weight_over_stiffness(system: System) -> float:
-    """ρ g L³/B, weight over bending stiffness [-]; 0 if one of them or a pin is missing.
+    """Return ρ g L³/B, weight over bending stiffness [-]; 0 without one of them or a pin.
 
     L is the `unsupported_length`, B the smallest rigidity. At 8 the linear deflection of a
     cantilever is its length.
@@ -55,7 +63,7 @@ def weight_over_stiffness(system: System) -> float:
 
 
 def unsupported_length(system: System) -> float:
-    """Distance of the cloth from its pins [m], doubled if the pins surround its middle."""
+    """Return the distance of the cloth from its pins [m], doubled if these are all around."""
     return distance_from_pins(system) * (1 + is_surrounded_by_pins(system))
 
 
@@ -70,8 +78,11 @@ def is_surrounded_by_pins(system: System) -> bool:
 
 
 def wrinkle_length(system: System) -> float:
-    """Length λ = 2√π (B/T)^¼ √L of wrinkles under T = ρ g L [m]; 0 without bending or weight."""
-    # Cerda and Mahadevan (2003), Geometry and Physics of Wrinkling, Phys. Rev. Lett. 90, 074302.
+    """Return the length λ = 2√π (B/T)^¼ √L of wrinkles under T = ρ g L [m].
+
+    It is 0 without bending or weight. Source: Cerda and Mahadevan (2003), Geometry and Physics
+    of Wrinkling, Phys. Rev. Lett. 90, 074302.
+    """
     length = distance_from_pins(system)
     load = gravity_magnitude(system) * length * system.nodal_mass.sum() / system.cloth.area
     known = [max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
@@ -81,5 +92,5 @@ def wrinkle_length(system: System) -> float:
 
 
 def mean_edge(system: System) -> float:
-    """Edge length [m] of equilateral triangles of the mean area."""
+    """Return the edge length [m] of equilateral triangles of the mean area."""
     return math.sqrt(4 / math.sqrt(3) * system.cloth.area / len(system.cloth.triangles))

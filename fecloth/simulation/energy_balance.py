@@ -27,34 +27,54 @@ SLIGHT_ENERGY = 1e-3
 @remembered
 @dataclass(frozen=True)
 class Balance(Account):
-    """The energy balance of the steps so far."""
+    """The energy balance of the steps so far.
+
+    Attributes
+    ----------
+    start
+        Time of the start [s].
+    steps
+        Number of steps.
+    largest
+        Largest energy of deformation that three steps in a row have reached [J]. The spike of a
+        single step, as where a pin jumps, does not count.
+    last, before
+        The energy of deformation after the last step and the one before [J].
+    off, least
+        Number of steps in a row whose remainder was too large, and the least remainder of
+        these [J].
+    t, remainder
+        Time [s] and remainder [J] after the last step.
+    kinetic, last_kinetic, kinetic_before
+        Kinetic energy with the rigid motion, like `largest`, `last` and `before` [J].
+    worked
+        Largest work that obstacles had done until then [J].
+    gained
+        Largest energy that the method had made in all until then [J].
+    imbalance
+        A doubt if the balance was off; `Verdict` says whether it counts.
+    is_far
+        Whether it was off by more than FAR_OFF.
+    """
 
     name = "balance"
     table = "steps"
-    # Time of the start [s], and number of steps.
     start: float
     steps: int = 0
-    # Largest energy of deformation that three steps in a row have reached [J]. One step's spike,
-    # such as the spike of a pin that jumps, does not count.
     largest: float = 0.0
-    # The energy of deformation after the last step and the one before [J].
     last: float = 0.0
     before: float = 0.0
-    # Number of steps in a row whose remainder was too large, and the least of these [J].
     off: int = 0
     least: float = math.inf
-    # Time [s] and remainder [J] after the last step.
     t: float = 0.0
     remainder: float = 0.0
-    # Kinetic energy with the rigid motion, like `largest`, `last` and `before` [J].
     kinetic: float = 0.0
     last_kinetic: float = 0.0
     kinetic_before: float = 0.0
-    worked: float = 0.0  # largest work that obstacles had done until then [J]
-    gained: float = 0.0  # largest energy that the method had made in all until then [J]
-    # A doubt if the balance was off; `Verdict` says whether it counts.
+    worked: float = 0.0
+    gained: float = 0.0
     imbalance: Doubt | None = None
-    is_far: bool = False  # whether it was off by more than FAR_OFF
+    is_far: bool = False
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "Balance":
@@ -62,6 +82,7 @@ class Balance(Account):
 
     @classmethod
     def open(cls, ledger: Ledger, deformation: Deformation) -> "Balance":
+        """Return the balance at the start, with the ledger and the deformation there."""
         energy = deformation.energy(ledger)
         return cls(
             ledger.t,
@@ -79,9 +100,10 @@ class Balance(Account):
     def after(
         self, system: System, ledger: Ledger, deformation: Deformation, number: int = 1
     ) -> "Balance":
-        """Return the balance after a `number` of steps, with the ledger after the last of them."""
+        """Return the balance after a `number` of steps, with the ledger after the last one."""
         now = deformation.energy(ledger)
         remainder = ledger.remainder
+        kinetic = min(ledger.kinetic, self.last_kinetic, self.kinetic_before)
         new = self.changed(
             steps=self.steps + number,
             largest=max(self.largest, min(now, self.last, self.before)),
@@ -89,7 +111,7 @@ class Balance(Account):
             before=self.last,
             t=ledger.t,
             remainder=remainder,
-            kinetic=max(self.kinetic, min(ledger.kinetic, self.last_kinetic, self.kinetic_before)),
+            kinetic=max(self.kinetic, kinetic),
             last_kinetic=ledger.kinetic,
             kinetic_before=self.last_kinetic,
             worked=max(self.worked, _work_of_obstacles(system, ledger)),
@@ -115,7 +137,7 @@ class Balance(Account):
         return self
 
     def _doubted(self, off: float) -> "Balance":
-        """Return it with its doubt, where it is off by so much [J].
+        """Return the balance with a doubt, where it is off by so much [J].
 
         A balance must be off for ten steps in a row, all by more than is trusted at the last of
         them: a load that sets in has moved little in its first steps.
@@ -137,7 +159,7 @@ class Balance(Account):
         return self.largest or self.last
 
     def trusted(self, system: System, ledger: Ledger) -> float:
-        """Largest remainder that causes no warning [J].
+        """Return the largest remainder that causes no warning [J].
 
         It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or the `noise` if
         that is more. With a term that reports neither energy nor work nothing is known.
@@ -145,7 +167,8 @@ class Balance(Account):
         if ledger.silent or ledger.t <= self.start:
             return math.inf
         noise = self.noise(system, ledger)
-        return max(LARGEST_REMAINDER * self.scale + ERROR_OF_DISSIPATED * ledger.lost_inside, noise)
+        error_of_dissipated = ERROR_OF_DISSIPATED * ledger.lost_inside
+        return max(LARGEST_REMAINDER * self.scale + error_of_dissipated, noise)
 
     def noise(self, system: System, ledger: Ledger) -> float:
         """Return the energy [J] that does not matter in a balance.
@@ -162,7 +185,10 @@ class Balance(Account):
 
     def row(self) -> dict[str, float]:
         """Return the remainder relative to the largest energy of deformation so far."""
-        return {"drift": self.remainder / self.scale if self.scale else 0.0}
+        drift = 0.0
+        if self.scale:
+            drift = self.remainder / self.scale
+        return {"drift": drift}
 
 
 def _work_of_obstacles(system: System, ledger: Ledger) -> float:

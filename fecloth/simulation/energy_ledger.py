@@ -92,17 +92,21 @@ class Ledger(Account):
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Ledger":
         """Return the ledger after a step and the steps without a row before it."""
-        skipped = info.skipped.flows if info.skipped else None
-        whole = skipped if info.skipped and info.skipped.step else None
-        after = self.after(run.system, run.method, info.old, info.result, whole)
-        if skipped and not whole:
-            return after.with_flows(skipped)
-        return after
+        after = self.after
+        if info.skipped is None:
+            return after(run.system, run.method, info.old, info.result)
+        flows = info.skipped.flows
+        if info.skipped.step:  # the flows of the step are among them
+            return after(run.system, run.method, info.old, info.result, flows)
+        return after(run.system, run.method, info.old, info.result).with_flows(flows)
 
     def after(
         self, system: System, method, old: State, step, flows: Flows | None = None
     ) -> "Ledger":
-        """Return the ledger after `step` by `method` from `old`; `flows` since then, if known."""
+        """Return the ledger after a `step` by `method` from the state `old`.
+
+        `flows` are those of the step and of steps without a row before it, where they are known.
+        """
         energies = system.with_history(step.history).energies(step.state)
         kinetic = energies.pop("kinetic")
         flows = flows or self._flows(system, method, old, step)
@@ -110,24 +114,27 @@ class Ledger(Account):
         return after.changed(t=step.state.t, kinetic=kinetic, potential=energies)
 
     def _flows(self, system: System, method, old: State, step) -> Flows:
+        """Return what a step dissipates and what loads and pins do in it."""
         dt = step.state.t - old.t
         acting = (step.over or system).bound
         dissipated = dict[str, float]()
         work = dict[str, float]()
-        for name, term, over in zip(system.names, system.bound, acting, strict=True):
+        for name, term, acting_term in zip(system.names, system.bound, acting, strict=True):
             if term.dissipative:
-                dissipated[name] = _dissipation(term, over, step, dt)
+                dissipated[name] = _dissipation(term, acting_term, step, dt)
             if name in self.work:
-                work[name] = _work(term, over, old, step, method.traits.explicit)
+                work[name] = _work(term, acting_term, old, step, method.traits.explicit)
         pins = _pin_work(system, method.traits.theta, old, step)
         pins += _clamp_work(system, method.traits.theta, old, step)
         return Flows(dissipated, work, pins, method.numerical(system, old, step))
 
     def with_flows(self, flows: Flows) -> "Ledger":
         """Return the ledger with the flows of steps without rows."""
-        dissipated = {n: e + flows.dissipated.get(n, 0.0) for n, e in self.dissipated.items()}
         return self.changed(
-            dissipated=dissipated,
+            dissipated={
+                name: lost + flows.dissipated.get(name, 0.0)
+                for name, lost in self.dissipated.items()
+            },
             work={name: done + flows.work.get(name, 0.0) for name, done in self.work.items()},
             pins=self.pins + flows.pins,
             numerical=self.numerical + flows.numerical,
@@ -160,13 +167,13 @@ class Ledger(Account):
         return self.total + lost - sum(self.work.values()) - self.pins - self.start
 
     def amounts(self) -> list[float]:
-        """All terms of the remainder's difference [J]."""
+        """Return all terms of the remainder's difference [J]."""
         then_and_now = *self.opening.values(), self.kinetic, *self.potential.values()
         flows = *self.dissipated.values(), *self.work.values(), self.pins, self.numerical
         return [*then_and_now, *flows]
 
     def row(self) -> dict[str, float]:
-        """One row of energies.csv."""
+        """Return a row of energies.csv."""
         return {
             "t": self.t,
             "kinetic": self.kinetic,
@@ -193,58 +200,72 @@ def _resisting(system: System, state: State, dissipated) -> tuple[str, ...]:
     )
 
 
-def _dissipation(term, over, step, dt):
-    """Energy [J] dissipated in a step: over it, or else the power at the method's stages."""
-    if over.dissipates_over_step:
-        return over.dissipation(step.state.x)
+def _dissipation(term, acting, step, dt):
+    """Return the energy [J] that a term dissipates in a step of dt [s].
+
+    The term `acting` over the step may know it; else it is the power at the method's stages.
+    """
+    if acting.dissipates_over_step:
+        return acting.dissipation(step.state.x)
     return dt * _mean(term.power, step.stages)
 
 
-def _work(term, over, old, step, explicit):
-    """Work [J] of a load in a step: its mean force at the stages times `load_displacement`.
+def _work(term, acting, old, step, explicit):
+    """Return the work [J] of a load in a step: its mean force times `load_displacement`.
 
-    A contact says it of itself. The air's, whose force also dissipates, is its power at the
-    stages. A quadratic energy U(x, t), of a tether, is moved by the change of U from t to t +
-    dt, as a mean over both ends of the step.
+    The force is the mean of the stages. A contact, `acting` over the step, knows its own work.
+    The work of the air, whose force also dissipates, is its power at the stages. A tether has a
+    quadratic energy U(x, t): its work is the change of U from t to t + dt, as a mean over both
+    ends of the step.
     """
     new = step.state
-    if over.works_over_step:
-        return over.work(new.x)
+    if acting.works_over_step:
+        return acting.work(new.x)
     if has_power_column(term):
         work = (new.t - old.t) * _mean(term.supply, step.stages)
         if term.conserves:  # a mean of the rate of U would not see a jump
             changes = (term.energy(at.x, new.t) - term.energy(at.x, old.t) for at in (old, new))
             work += sum(changes) / 2
         return work
-    f = np.zeros_like(old.x)
-    for at in step.stages:
-        term.add_force(at.x, at.v, at.t, f)
-    return dot(f, load_displacement(old, step.state, explicit)) / len(step.stages)
+    force = np.zeros_like(old.x)
+    for stage in step.stages:
+        term.add_force(stage.x, stage.v, stage.t, force)
+    return dot(force, load_displacement(old, step.state, explicit)) / len(step.stages)
 
 
 def _mean(function, stages):
-    return sum(function(at.x, at.v, at.t) for at in stages) / len(stages)
+    """Return the mean of a function of x, v and t over the stages of a step."""
+    return sum(function(stage.x, stage.v, stage.t) for stage in stages) / len(stages)
 
 
 def _clamp_work(system, theta, old, step):
-    """Work that moves the normals of clamps over a step; part of the work of the pins."""
-    # Its forces act where the forces of `_pin_work` do, so that the two cancel in a translation.
-    at_stages = theta == 0.5 and not step.ends
-    states = step.stages if at_stages else (old, step.state)
-    old, new, *stages = ((at.x, at.t) for at in (old, step.state, *states))
-    return sum(term.work_of_clamps(old, new, stages) for term in (step.over or system).bound)
+    """Return the work that moves the normals of clamps over a step, a part of that of the pins.
+
+    Its forces act where the forces of `_pin_work` do, so that both cancel in a translation.
+    """
+    states = (old, step.state)
+    if theta == 0.5 and not step.ends:
+        states = step.stages
+    begin = (old.x, old.t)
+    end = (step.state.x, step.state.t)
+    stages = [(state.x, state.t) for state in states]
+    return sum(term.work_of_clamps(begin, end, stages) for term in (step.over or system).bound)
 
 
 def _pin_work(system, theta, old, step):
-    """Work of the held directions over a step: Δv·M v_θ − f · Δx on the constrained nodes."""
+    """Return the work [J] of the held directions over a step.
+
+    It is Δv·M v_θ − f · Δx on the constrained nodes. Pins that do not move have one in the first
+    step, where they stop an initial motion of their nodes.
+    """
     constraints = system.constraints
-    at = constraints.nodes
-    fixed = not any(pin.moves for pin, _ in constraints.groups.values())
-    if not len(at) or (fixed and not constraints.held_part(old.v).any()):
-        return 0.0  # otherwise pins stop an initial motion of fixed nodes
+    nodes = constraints.nodes
+    are_fixed = not any(pin.moves for pin, _ in constraints.groups.values())
+    if not len(nodes) or (are_fixed and not constraints.held_part(old.v).any()):
+        return 0.0
     dv = step.state.v - old.v
-    f = step.force_on_pins(system)[at]
+    force = step.force_on_pins(system)[nodes]
     held_v = constraints.held_part(old.v + theta * dv)
     held_x = constraints.held_part(step.state.x - old.x)
-    inertia = system.mass_times(dv)[at]
-    return system.sums.dot(inertia, held_v) - system.sums.dot(f, held_x)
+    inertia = system.mass_times(dv)[nodes]
+    return system.sums.dot(inertia, held_v) - system.sums.dot(force, held_x)

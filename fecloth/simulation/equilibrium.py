@@ -11,6 +11,7 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, is_number
 from fecloth.nonlinear import increments
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.eigenpairs import least_stiffness
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.simulation.beyond_curve import area_beyond, doubt_curve
@@ -22,7 +23,7 @@ from fecloth.simulation.rest_stability import doubt_stability
 from fecloth.system.arguments import check_system
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.records import remembered
 
 
@@ -78,7 +79,7 @@ class Equilibrium(State):
 
     @property
     def state(self) -> Self:
-        """Itself: a function of a result reads ``result.state`` of a run and of an equilibrium."""
+        """Itself, so that ``result.state`` is the end of a run and of an equilibrium alike."""
         return self
 
     def __repr__(self) -> str:
@@ -186,51 +187,44 @@ def equilibrium(
     foreseen = tuple(find_doubts(planned, OF_EQUILIBRIA))
     _warn(foreseen)
     context = increments.static_context(system, tolerance, max_iterations, solver)
-    history = system.start_history(start)
     if load_steps is None and least == 1:
-        whole = increments.LoadIncrement(system, start, 1.0, 1.0, start.t, start.t, history)
-        solved, over = increments.solve_increment(whole, 0.0, context, report)
-        history = over.commit(replace(start, x=solved.x), history)
+        solved, history = _solve_at_once(system, start, context, report)
     else:
+        time_of_terms = None if load_steps else start.t
         increase = increments.increase_loads(
             system,
             start,
             context,
             1 / number,
-            history=history,
+            history=system.start_history(start),
             report=report,
-            at=None if load_steps else start.t,
+            at=time_of_terms,
         )
         if friction == "shaken":
             increase = increments.shake(increase, context, report)
         solved = increase.solved
         history = increase.history
-    x = solved.x
-    counts = solved.counts
-    t = 1.0 if load_steps and _moves(system) else start.t
-    path = increments.describe_path(system, number)
-    if path:
-        reason = f"{solved.reason(tolerance)}; {path}"
-    else:
-        reason = solved.reason(tolerance)
-    still = np.zeros_like(x)
-    error = space_error(system, State(start.t, x, still))
-    end = State(1.0 if load_steps else start.t, x, still)
+    still = np.zeros_like(solved.x)
+    error = space_error(system, State(start.t, solved.x, still))
+    end = State(1.0 if load_steps else start.t, solved.x, still)
     noticed = _find_instability(system, end, number, solved)
     if beyond := doubt_curve(area_beyond(system, end)):
         noticed.append(beyond)
     _warn(noticed)
-    # Friction of contact, which lags, begins anew in a run; what has slid in the fabric stays.
-    pairs = zip(system.bound, history or (), strict=False)
-    kept = tuple(None if term.lags else record for term, record in pairs) or None
+    t = start.t
+    if load_steps and _moves(system):
+        t = 1.0
+    reason = solved.reason(tolerance)
+    if path := increments.describe_path(system, number):
+        reason = f"{reason}; {path}"
     return Equilibrium(
         t=t,
-        x=x,
+        x=solved.x,
         v=still,
-        history=kept,
-        residual=counts.residual,
-        iterations=counts.newton,
-        factorisations=counts.factorisations,
+        history=_history_for_runs(system, history),
+        residual=solved.counts.residual,
+        iterations=solved.counts.newton,
+        factorisations=solved.counts.factorisations,
         reason=reason,
         space_error=error.relative,
         space_error_reason=error.reason,
@@ -239,17 +233,39 @@ def equilibrium(
     )
 
 
+def _solve_at_once(
+    system: System, start: State, context: SolverContext, report: increments.Report
+) -> tuple[increments.Solved, History | None]:
+    """Return the equilibrium under the whole loads at the time of `start`, and its history."""
+    history = system.start_history(start)
+    whole = increments.LoadIncrement(system, start, 1.0, 1.0, start.t, start.t, history)
+    solved, over = increments.solve_increment(whole, 0.0, context, report)
+    return solved, over.commit(replace(start, x=solved.x), history)
+
+
+def _history_for_runs(system: System, history: History | None) -> History | None:
+    """Return the records with which a run goes on: what has slid in the fabric stays.
+
+    Friction of contact, which lags, begins anew.
+    """
+    pairs = zip(system.bound, history or (), strict=False)
+    return tuple(None if term.lags else record for term, record in pairs) or None
+
+
 def _warn(doubts: Iterable[Doubt]) -> None:
+    """Warn of each doubt, at the line that calls `equilibrium`."""
     for doubt in doubts:
         warnings.warn(str(doubt), FeclothWarning, stacklevel=4)
 
 
 def _moves(system: System) -> bool:
+    """Return whether pins or obstacles move with time."""
     pins = any(pin.moves for pin, _ in system.constraints.groups.values())
     return pins or any(term.supplies and term.limits_direction for term in system.bound)
 
 
 def _check(system, state, load_steps, tolerance, max_iterations, solver, report):
+    """Raise `InputError` for an argument of `equilibrium` that it cannot take."""
     check_system(system, state, "equilibrium")
     validation.function(
         "report", report, "lambda iteration: print(iteration.residual)", "equilibrium"
@@ -266,7 +282,10 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
 
 
 def _find_instability(system: System, end: State, load_steps: int, solved) -> list[Doubt]:
-    """Return a doubt if K is not positive definite; an eigenvalue is found if need be."""
+    """Return a doubt if the stiffness at the end is not positive definite, in a list.
+
+    Its least eigenvalue is computed only where the solve has not shown that it is.
+    """
     if solved.is_definite:
         return []
     about = increments.resist_disturbances(system, end, 1 / load_steps)

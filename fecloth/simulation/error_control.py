@@ -18,7 +18,7 @@ from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.simulation.step_times import ChosenSteps, fit_step
 from fecloth.simulation.within_step import acceleration, deviation_within_step
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.records import remembered
 
 SAFETY = 0.9  # times the step that would just be allowed, as usual in step size control
@@ -35,14 +35,52 @@ LARGEST_FIRST_STEP = 10.0  # over the flight that estimates the error of the fir
 @remembered
 @dataclass(frozen=True, eq=False)
 class Control:
-    """The memory of `Adaptive`."""
+    """The memory of `Adaptive`.
 
-    dt: float  # the step to try next [s]
-    error: float  # error of the last step over the allowed one, at most 1
-    # (n, 3) mean acceleration [m/s²] of the last step, and the time of its middle [s].
+    Attributes
+    ----------
+    dt
+        The step to try next [s].
+    error
+        Error of the last step over the allowed one, at most 1.
+    a
+        (n, 3) mean acceleration of the last step [m/s²].
+    t
+        Time of the middle of the last step [s].
+    method_memory
+        The memory of the method itself.
+    """
+
+    dt: float
+    error: float
     a: np.ndarray
     t: float
-    method_memory: object = None  # the memory of the method itself
+    method_memory: object = None
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """One attempt of `Adaptive` at a step.
+
+    Attributes
+    ----------
+    dt
+        Its size [s], which may be less than was asked for.
+    error
+        Its error over the allowed one; infinite where the step could not be solved.
+    reason
+        Why it is rejected, or the failure of the solve.
+    step
+        The step; None where it could not be solved.
+    control
+        The memory after the step; None where it is rejected.
+    """
+
+    dt: float
+    error: float
+    reason: str | NewtonFailed | SolveFailed
+    step: Step | None = None
+    control: Control | None = None
 
 
 @checks_arguments
@@ -115,11 +153,13 @@ class Adaptive(ChosenSteps):
         if not protocol.is_method(method):
             allowed = "must be a method such as BDF2(), and none that chooses its own steps"
             raise InputError(f"method {method!r}", allowed, "Adaptive")
-        _ = self._stepper, self._error_constant  # raise for methods without a step or an estimate
+        # These raise for a method without a step or without an estimate.
+        _ = self._stepper
+        _ = self._error_constant
 
     @cached_property
     def traits(self) -> protocol.MethodTraits:
-        """The method's traits, with chosen steps, which stay below an explicit method's limit."""
+        """The method's traits, with chosen steps, which stay below its stability limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def start(self, system: System, state: State, longest: float) -> Control:
@@ -133,59 +173,84 @@ class Adaptive(ChosenSteps):
         rate = self.allowed(system, state)
         c = self._error_constant
         size = system.sums.rms(system.diagonal_mass, a)
-        dt = min(longest, rate / (c * size)) if size > 0 else longest
+        dt = longest
+        if size > 0:
+            dt = min(longest, rate / (c * size))
         if self.traits.order == 2:
-            x = state.x + dt * state.v + 0.5 * dt**2 * a  # as the cloth falls past its pins
-            ahead = State(state.t + dt, x, state.v + dt * a)
-            ahead = set_prescribed(system, ahead, prescribed_end(system, state, dt))
-            jerk = system.sums.rms(system.diagonal_mass, acceleration(system, ahead) - a) / dt
-            dt = min(
-                longest,
-                LARGEST_FIRST_STEP * dt,
-                math.sqrt(rate / (c * jerk)) if jerk > 0 else longest,
-            )
+            flight = dt
+            x = state.x + flight * state.v + 0.5 * flight**2 * a  # the cloth falls past its pins
+            ahead = State(state.t + flight, x, state.v + flight * a)
+            ahead = set_prescribed(system, ahead, prescribed_end(system, state, flight))
+            change = acceleration(system, ahead) - a
+            jerk = system.sums.rms(system.diagonal_mass, change) / flight
+            dt = min(longest, LARGEST_FIRST_STEP * flight)
+            if jerk > 0:
+                dt = min(dt, math.sqrt(rate / (c * jerk)))
         return Control(SAFETY * dt, 1.0, a, state.t)
 
     def step(
         self, system: System, state: State, horizon: float, solver, memory=None, history=None
     ) -> Step:
-        """One step over at most `horizon` [s]; each attempt has the `history` of the begin."""
-        tried = Counts()
+        """Take one step over at most `horizon` [s].
+
+        Each attempt begins with the `history` that terms keep. Raises `NewtonFailed` if no step
+        is short enough.
+        """
         control = memory or self.start(system.with_history(history), state, horizon)
         dt = fit_step(min(control.dt, self.longest or math.inf), horizon)
+        tried = Counts()
         reason: str | NewtonFailed | SolveFailed = ""
         for rejected in range(MOST_ATTEMPTS):
             if not state.t + dt > state.t:  # below the round-off of the time
                 break
-            size = dt
-            try:
-                step = protocol.take_step(
-                    self._stepper, system, state, dt, solver, control.method_memory, history
-                )
-                if memory is None:
-                    protocol.check_step(step, self.method)
-                a, t, error = self.error(system, state, step, control)
-                dt = step.state.t - state.t  # which may be less
-            except (NewtonFailed, SolveFailed) as failure:
-                reason = failure
-                error = math.inf
-            else:
-                tried = tried.plus(step.counts)
-                if error < SMALL_ERROR:
-                    error = max(error, self.error_within_step(system, state, step))
-                reason = f"the error is {error:.3g} times the allowed one"
-                if error <= 1:
-                    proposed = self._next_dt(dt, control, error)
-                    after = Control(proposed, error, a, t, step.memory)
-                    counts = replace(tried, rejected=rejected)
-                    return replace(step, memory=after, counts=counts, size=step.size or size)
-            dt *= self._shortening(error)
+            attempt = self._attempt(
+                system, state, dt, solver, control, history, is_first=memory is None
+            )
+            if attempt.step is not None:
+                tried = tried.plus(attempt.step.counts)
+                if attempt.control is not None:
+                    return replace(
+                        attempt.step,
+                        memory=attempt.control,
+                        counts=replace(tried, rejected=rejected),
+                        size=attempt.step.size or dt,
+                    )
+            reason = attempt.reason
+            dt = attempt.dt * self._shortening(attempt.error)
         raise NewtonFailed(
             f"no step is short enough: at {dt:.2g} s {reason}",
             getattr(reason, "residual", math.nan),
             "Does a load or a motion of the pins jump here? Let it change in a finite time. "
             "Or take steps of a fixed dt, which need no estimate of their error.",
         )
+
+    def _attempt(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver,
+        control: Control,
+        history: History | None,
+        is_first: bool,
+    ) -> Attempt:
+        """Take a step of at most dt [s], and decide by its error whether it is accepted."""
+        try:
+            step = protocol.take_step(
+                self._stepper, system, state, dt, solver, control.method_memory, history
+            )
+            if is_first:
+                protocol.check_step(step, self.method)
+            a, t, error = self.error(system, state, step, control)
+        except (NewtonFailed, SolveFailed) as failure:
+            return Attempt(dt, math.inf, failure)
+        dt = step.state.t - state.t
+        if error < SMALL_ERROR:
+            error = max(error, self.error_within_step(system, state, step))
+        if error <= 1:
+            after = Control(self._next_dt(dt, control, error), error, a, t, step.memory)
+            return Attempt(dt, error, "", step, after)
+        return Attempt(dt, error, f"the error is {error:.3g} times the allowed one", step)
 
     def _shortening(self, error: float) -> float:
         """Return the next attempt over the attempt that failed with this error."""
@@ -195,7 +260,7 @@ class Adaptive(ChosenSteps):
         return min(SAFETY, max(SHORTEST, wanted))
 
     def error_within_step(self, system: System, old: State, step: Step) -> float:
-        """Error from pin motion and loads inside a step, relative to the allowed one."""
+        """Return the error from motions and loads inside a step, over the allowed one."""
         deviation, push = deviation_within_step(system, old, step)
         dt = step.state.t - old.t
         p = self.traits.order
@@ -226,6 +291,7 @@ class Adaptive(ChosenSteps):
 
     @property
     def _error_constant(self) -> float:
+        """The error constant of the method; `InputError` for a method without one."""
         constant = self.method.traits.error_constant
         if constant is None:
             what = f"method {self.method!r}"
@@ -236,19 +302,28 @@ class Adaptive(ChosenSteps):
         return constant
 
     def allowed(self, system: System, state: State) -> float:
-        """Return the allowed error for each second [m/s]."""
+        """Return the allowed error of x for each second [m/s]."""
         mass = system.diagonal_mass
         distances = state.x - system.sums.mean(mass, state.x)
         return self.atol + self.rtol * system.sums.rms(mass, distances)
 
     def error(self, system: System, old: State, step: Step, control: Control):
-        """Return mean acceleration, its time, and relative error; inf if that is not finite."""
+        """Return the mean acceleration (n, 3) of a step, its time, and the step's relative error.
+
+        The time [s] is the middle of the step. The error is over the allowed one, and infinite
+        where it is not finite.
+        """
         new = step.state
         dt = new.t - old.t
         a = system.constraints.project((new.v - old.v) / dt)
         t = old.t + 0.5 * dt
         order = self.traits.order
-        change = a if order == 1 else (a - control.a) / (t - control.t)
-        error = self._error_constant * dt**order * system.sums.rms(system.diagonal_mass, change)
+        derivative = a
+        if order > 1:
+            derivative = (a - control.a) / (t - control.t)
+        rate = system.sums.rms(system.diagonal_mass, derivative)
+        error = self._error_constant * dt**order * rate
         error /= self.allowed(system, new)
-        return a, t, error if math.isfinite(error) else math.inf
+        if not math.isfinite(error):
+            error = math.inf
+        return a, t, error

@@ -10,20 +10,30 @@ from fecloth.terms.traits import has_kind
 
 LOCKED = 0.2  # the error of a buckled strip on P1 "cross" whose energy is 5 % too large
 LOCKING = (
-    "; P1 triangles are too stiff where they bend and cannot stretch (they lock), most of all with "
-    'the pattern "cross": take P2 or a smaller h'
+    "; P1 triangles are too stiff where they bend and cannot stretch (they lock), most of all "
+    'with the pattern "cross": take P2 or a smaller h'
 )
 
 
 @remembered
 @dataclass(frozen=True)
 class ErrorInSpace(Account):
-    """The error of stress and moment, see `space_error`."""
+    """The error of stress and moment, see `space_error`.
+
+    Attributes
+    ----------
+    relative
+        The relative error; NaN for no estimate.
+    reason
+        Why there is no estimate, or "".
+    may_lock
+        Whether the elements are P1, and the cloth resists bending.
+    """
 
     name = "space_error"
     relative: float = math.nan
-    reason: str = ""  # why there is no estimate
-    may_lock: bool = False  # whether the elements are P1, and the cloth resists bending
+    reason: str = ""
+    may_lock: bool = False
 
     def finish(self, run: Run, end: End, others: Accounts) -> "ErrorInSpace":
         error = space_error(run.system, end.state)

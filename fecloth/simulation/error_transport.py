@@ -1,4 +1,4 @@
-"""How a small error of a motion moves on with the cloth: the linear equations about its state."""
+"""How a small error of a motion moves on with the cloth: linear equations about its state."""
 
 import math
 from dataclasses import dataclass
@@ -19,13 +19,20 @@ RTOL_OF_TRANSPORT = 1e-3
 @remembered
 @dataclass(frozen=True, eq=False)
 class Error:
-    """Error of x [m] and of v [m/s], (n, 3) each."""
+    """An error of a motion.
+
+    Attributes
+    ----------
+    x, v
+        Error of the positions [m] and of the velocities [m/s], (n, 3) each.
+    """
 
     x: np.ndarray
     v: np.ndarray
 
     @classmethod
     def none(cls, x: np.ndarray) -> "Error":
+        """Return an error of zero, of the shape of x (n, 3)."""
         return cls(np.zeros_like(x), np.zeros_like(x))
 
 
@@ -42,10 +49,21 @@ class Transport:
         (M + h D + h² K) η = M b − h K a,    δ = a + h η
 
     An error grows where K has negative eigenvalues, as in a cloth that buckles.
+
+    Attributes
+    ----------
+    system
+        What moves.
+    seconds
+        The length τ of the step [s].
+    K
+        The stiffness.
+    solver
+        The solver of the matrix of a stage.
     """
 
     system: System
-    seconds: float  # τ
+    seconds: float
     K: BlockMatrix
     solver: LinearSolver
 
@@ -60,23 +78,25 @@ class Transport:
         system.project(system.add_tangents(J, state, wv=h, wa=1.0))
         solver.begin(h * h, 1.0, state.x)
         solver.prepare(system.couple(J, state, h * h, h))
-        part = system.coupling(state, wx=1.0)
-        return cls(system, seconds, K if part is None else K.plus(part), solver)
+        coupling = system.coupling(state, wx=1.0)
+        if coupling is not None:
+            K = K.plus(coupling)
+        return cls(system, seconds, K, solver)
 
     def carry(self, error: Error, s: np.ndarray, r: np.ndarray) -> Error:
-        """Return the error after the step, with s [m/s] and r [m/s²] (n, 3) added all the time."""
+        """Return the error after the step, with s [m/s] and r [m/s²] (n, 3) added in it."""
         h = GAMMA * self.seconds
-        more = (1 - GAMMA) / GAMMA
+        weight = (1 - GAMMA) / GAMMA
         middle = self._stage(error.x + h * s, error.v + h * r)
-        x = error.x + more * (middle.x - error.x)
-        v = error.v + more * (middle.v - error.v)
+        x = error.x + weight * (middle.x - error.x)
+        v = error.v + weight * (middle.v - error.v)
         return self._stage(x + h * s, v + h * r)
 
     def _stage(self, a: np.ndarray, b: np.ndarray) -> Error:
+        """Return the error at the end of a stage, from what is known before it."""
         h = GAMMA * self.seconds
         project = self.system.constraints.project
         a = project(a)
-        v, _ = self.solver.solve(
-            project(self.system.mass_times(b) - h * (self.K @ a)), RTOL_OF_TRANSPORT
-        )
+        load = project(self.system.mass_times(b) - h * (self.K @ a))
+        v, _ = self.solver.solve(load, RTOL_OF_TRANSPORT)
         return Error(a + h * v, v)

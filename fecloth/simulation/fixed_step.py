@@ -18,18 +18,25 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
+# Of a step that fails: down to 1/256 of dt, where a failure has another cause.
+MOST_HALVINGS = 8
+
 
 @remembered
 @dataclass(frozen=True, eq=False)
 class HalvedMemory:
-    """The memory of `FixedStep` with contact: the size to try next [s], and the method's memory."""
+    """The memory of `FixedStep` with contact.
+
+    Attributes
+    ----------
+    size
+        The size to try next [s].
+    method_memory
+        The memory of the method.
+    """
 
     size: float
     method_memory: object = None
-
-
-# Of a step that fails: down to 1/256 of dt, where a failure has another cause.
-MOST_HALVINGS = 8
 
 
 @dataclass(frozen=True)
@@ -38,10 +45,22 @@ class FixedStep(ChosenSteps):
 
     With contact a step that fails is repeated over half of its time, down to 1/256 of dt; after
     each step the next one is twice as long again, up to dt.
+
+    Parameters
+    ----------
+    method
+        The method that takes the steps.
+    dt
+        The step [s].
+
+    Raises
+    ------
+    InputError
+        For a dt that is not a finite number > 0.
     """
 
-    method: Integrator  # the method that takes them
-    dt: float  # type: ignore[assignment]  # the step [s]; None in the base, which fixes no size
+    method: Integrator
+    dt: float  # type: ignore[assignment]  # None in the base, which fixes no size
 
     def __post_init__(self):
         if not isinstance(self.dt, Real) or isinstance(self.dt, bool):
@@ -56,6 +75,7 @@ class FixedStep(ChosenSteps):
             raise InputError(f"dt = {self.dt!r}", "must be finite and > 0 [s]", "march")
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
+        """Return the end of every step [s]."""
         return step_times(t, self.dt, t_end, stops)
 
     def check_start(self, system: System, state: State, insist: str = "") -> None:
@@ -65,7 +85,7 @@ class FixedStep(ChosenSteps):
     def step(
         self, system: System, state: State, horizon: float, solver, memory=None, history=None
     ) -> Step:
-        """One step of the method, to the next end of a step, or less far with contact."""
+        """Take one step of the method, over the horizon [s], or less far with contact."""
         if not has_limits(system):
             return take_step(self.method, system, state, horizon, solver, memory, history)
         memory = memory or HalvedMemory(self.dt)
@@ -73,13 +93,15 @@ class FixedStep(ChosenSteps):
         last = memory.method_memory
         rejected = 0
         while True:
-            size = allowed if horizon > allowed * (1 + SAME_TIME) else horizon
+            size = horizon
+            if horizon > allowed * (1 + SAME_TIME):
+                size = allowed
             try:
                 step = take_step(self.method, system, state, size, solver, last, history)
                 break
             except (NewtonFailed, SolveFailed):
                 allowed = size / 2
-                rejected = rejected + 1
+                rejected += 1
                 if allowed < self.dt / 2**MOST_HALVINGS:
                     raise
         after = HalvedMemory(min(2 * allowed, self.dt), step.memory)
@@ -90,7 +112,15 @@ class FixedStep(ChosenSteps):
 @remembered
 @dataclass(frozen=True, eq=False)
 class GivenMemory:
-    """The memory of `GivenSteps`: the number of steps so far, and the memory of the method."""
+    """The memory of `GivenSteps`.
+
+    Attributes
+    ----------
+    number
+        Number of the steps so far.
+    method_memory
+        The memory of the method.
+    """
 
     number: int
     method_memory: object = None
@@ -103,10 +133,22 @@ class GivenSteps(ChosenSteps):
     Given the sizes, stops and end of a run of `Adaptive`, it repeats that run bit for bit, if
     the solver keeps nothing of the attempts that were rejected there (`Newton(reuse=False)`
     with a direct one).
+
+    Parameters
+    ----------
+    method
+        The method that takes the steps.
+    sizes
+        The sizes of all steps, in order [s].
+
+    Raises
+    ------
+    InputError
+        For no sizes, and for a size that is not a finite number > 0.
     """
 
-    method: Integrator  # the method that takes them
-    sizes: tuple[float, ...]  # of all steps, in order [s]
+    method: Integrator
+    sizes: tuple[float, ...]
 
     def __post_init__(self):
         sizes = floats("dt", self.sizes, "march")
@@ -126,6 +168,7 @@ class GivenSteps(ChosenSteps):
     def step(
         self, system: System, state: State, horizon: float, solver, memory=None, history=None
     ) -> Step:
+        """Take the next of the steps."""
         memory = memory or GivenMemory(0)
         size = self.sizes[memory.number]
         last = memory.method_memory

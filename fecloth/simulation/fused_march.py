@@ -1,14 +1,15 @@
-"""Which steps of a march go without Python between them, up to the next one that is asked for."""
+"""Which steps of a march go without Python between them, up to the next one that is wanted."""
 
 import math
 import time
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from fecloth.integrators.explicit import CentralDifference, LastForce
-from fecloth.integrators.fused_steps import Flows, FusedSteps
+from fecloth.integrators.fused_steps import Flows, FusedSteps, Taken
 from fecloth.integrators.protocol import StepChoice
 from fecloth.integrators.step import Step
 from fecloth.simulation.fixed_step import FixedStep
@@ -19,6 +20,7 @@ from fecloth.simulation.stability_limited import (
     LimitMemory,
     StabilityLimited,
 )
+from fecloth.simulation.step_times import SAME_TIME
 from fecloth.simulation.steps import Place, Plan, StepInfo, find_problem, take
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -26,9 +28,6 @@ from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.records import remembered
 
 MOST = 2**14  # steps of a call: their times and the motion of pins are kept as arrays
-FEWEST = 1  # more steps are worth the copies of a call
-# Relative difference of step sizes that count as equal: the clock's round-off.
-EQUAL_SIZES = 1e-9
 CHECK_EVERY = 8  # explicit steps between two looks at the stretches
 # The same of fused steps of one size, whose values are all finite at the end.
 FUSED_CHECK_EVERY = 64
@@ -37,23 +36,44 @@ FUSED_CHECK_EVERY = 64
 @remembered
 @dataclass(frozen=True)
 class Wanted:
-    """The next step that a loop over `march` needs, by number or time, whichever comes first."""
+    """The next step that a loop over `march` needs, by number or time, whichever comes first.
+
+    Attributes
+    ----------
+    step
+        Number of the step.
+    t
+        A time: the first step that ends at it or after it is needed [s].
+    """
 
     step: int
-    t: float = math.inf  # [s]
+    t: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class Skipped:
-    """Steps that were taken without a stop."""
+    """Steps that were taken without a stop.
 
-    number: int  # of the steps
-    # After them.
+    Attributes
+    ----------
+    number
+        Number of the steps.
+    state, memory
+        The state and the memory of the method after them.
+    step
+        The step after them, if it is known too.
+    flows
+        What the energy ledger adds up over all of these.
+    seconds
+        Wall time.
+    """
+
+    number: int
     state: State
     memory: object
-    step: Step | None  # the step after them, if it is known too
-    flows: Flows  # what the energy ledger adds up over all of these
-    seconds: float  # wall time
+    step: Step | None
+    flows: Flows
+    seconds: float
 
 
 def steps_with_skips(
@@ -67,9 +87,11 @@ def steps_with_skips(
     while place.state.t < plan.t_end:
         memory = place.memory
         skipped = skipping.skip(place.state, memory.method_memory, memory.step, wanted)
+        known = None
         if skipped:
             place = _after(plan, place, skipped)
-        place, info = take(plan, place, known=skipped.step if skipped else None)
+            known = skipped.step
+        place, info = take(plan, place, known)
         wanted = yield place.state, replace(info, skipped=skipped)
 
 
@@ -77,12 +99,33 @@ def _after(plan: Plan, place: Place, skipped: Skipped) -> Place:
     """Return the place after skipped steps."""
     number = place.memory.step + skipped.number
     memory = replace(place.memory, step=number, method_memory=skipped.memory)
-    is_sound = find_problem(plan, skipped.state, check_stretch=True) is None
-    return Place(skipped.state, memory, skipped.state if is_sound else place.checked)
+    checked = place.checked
+    if find_problem(plan, skipped.state, check_stretch=True) is None:
+        checked = skipped.state
+    return Place(skipped.state, memory, checked)
+
+
+class Checks(NamedTuple):
+    """When fused steps look at the stretches, and which principal stretches end them.
+
+    Attributes
+    ----------
+    look
+        Phase and period of the looks, in steps; see `FusedSteps.take`.
+    least, largest
+        Bounds of the principal stretches.
+    """
+
+    look: tuple[int, int]
+    least: float
+    largest: float
 
 
 class Skipping:
-    """The fused steps of one march: bound when a step is first skipped, given up when they fail."""
+    """The fused steps of one march.
+
+    They are bound when a step is first skipped, and given up when they fail.
+    """
 
     def __init__(
         self,
@@ -103,8 +146,11 @@ class Skipping:
     def skip(
         self, state: State, memory: object, number: int, wanted: Wanted | None
     ) -> Skipped | None:
-        """Take the steps before the `wanted` one; None where it is near, or steps need Python."""
-        if wanted is None or wanted.step <= number + FEWEST or not self.is_open:
+        """Take the steps before the `wanted` one; None where it is near or steps need Python.
+
+        `state` and `memory` are left by the step of this `number`.
+        """
+        if wanted is None or wanted.step <= number + 1 or not self.is_open:
             return None
         place = int(np.searchsorted(self.targets, state.t, side="right"))
         if place == len(self.targets):
@@ -136,49 +182,44 @@ class Skipping:
         targets: np.ndarray,
         wanted: Wanted,
     ) -> Skipped | None:
-        """Take steps of one size, up to the last of the targets.
+        """Take steps of one size, up to the last of the targets; None if there are too few.
 
         `state` and `memory` are left by step `number`, and `targets` the times at which steps
         must end, up to one that must not be skipped. Raises `FloatingPointError` if they end
         beyond all bounds; single steps will tell where.
         """
         begin = time.perf_counter()
-        most = min(wanted.step - number, len(targets), MOST)
-        limited = memory if isinstance(memory, LimitMemory) else None
-        times = np.concatenate([[state.t], targets[:most]])
-        if limited:
-            most = min(wanted.step - number, MOST)
-            times = self._chosen_times(state, limited, targets[0], most)
-        if limited is None:
-            sizes = np.diff(times)
+        most = min(wanted.step - number, MOST)
+        if isinstance(memory, LimitMemory):
+            times = self._chosen_times(state, memory, targets[0], most)
+            sizes = np.full(len(times) - 1, memory.dt)
+            last = memory.method_memory
         else:
-            sizes = np.full(len(times) - 1, limited.dt)
+            times = np.concatenate([[state.t], targets[:most]])
+            sizes = np.diff(times)
+            last = memory
         count = min(_equal(sizes), 1 + int(np.searchsorted(times[1:], wanted.t)))
-        if count <= FEWEST:
+        if count <= 1:  # a call for a single step saves nothing
             return None
-        look = (number % FUSED_CHECK_EVERY, FUSED_CHECK_EVERY)
-        least = 0.0
-        largest = self.most_stretch
-        last = memory
-        if limited:
-            look = (limited.steps % STEPS_BETWEEN_CHECKS, STEPS_BETWEEN_CHECKS)
-            last = limited.method_memory
-            least = limited.least / STRETCH_BEYOND
-            largest = min(largest, limited.largest * STRETCH_BEYOND)
         assert isinstance(last, LastForce)
-        taken = fused.take(state, last, times[: count + 1], sizes[:count], look, least, largest)
-        if taken is None or not (limited or taken.step):
+        checks = self._checks(memory, number)
+        taken = fused.take(state, last, times[: count + 1], sizes[:count], *checks)
+        if taken is None or not (isinstance(memory, LimitMemory) or taken.step):
             raise FloatingPointError("fused steps end beyond all bounds")
-        left: object = taken.memory
-        step = taken.step
-        if limited:
-            number = limited.steps + taken.number
-            left = replace(limited, steps=number, method_memory=taken.memory)
-            if step:
-                after = replace(limited, steps=number + 1, method_memory=step.memory)
-                step = replace(step, memory=after)
+        left, step = _memories_after(memory, taken)
         seconds = time.perf_counter() - begin
         return Skipped(taken.number, taken.state, left, step, taken.flows, seconds)
+
+    def _checks(self, memory: object, number: int) -> Checks:
+        """Return the checks of fused steps after step `number`, which has left the `memory`."""
+        if isinstance(memory, LimitMemory):
+            return Checks(
+                look=(memory.steps % STEPS_BETWEEN_CHECKS, STEPS_BETWEEN_CHECKS),
+                least=memory.least / STRETCH_BEYOND,
+                largest=min(self.most_stretch, memory.largest * STRETCH_BEYOND),
+            )
+        look = (number % FUSED_CHECK_EVERY, FUSED_CHECK_EVERY)
+        return Checks(look, least=0.0, largest=self.most_stretch)
 
     def _chosen_times(
         self, state: State, limited: LimitMemory, target: float, most: int
@@ -186,21 +227,32 @@ class Skipping:
         """Begin and ends of the steps of one size before the limit is computed again."""
         most = min(most, UPDATE_STEPS - limited.steps)
         none = np.array([state.t])
-        if most < FEWEST:
+        if most <= 0:
             return none
-        if limited.steps % STEPS_BETWEEN_CHECKS == 0:
-            least, largest = extreme_stretches(self.system.cloth, state.x)
-            if largest > STRETCH_BEYOND * limited.largest or least * STRETCH_BEYOND < limited.least:
-                return none
+        is_due = limited.steps % STEPS_BETWEEN_CHECKS == 0
+        if is_due and limited.is_exceeded(*extreme_stretches(self.system.cloth, state.x)):
+            return none
         dt = limited.dt
         times = np.add.accumulate(np.concatenate([none, np.full(most, dt)]))
-        shortened = np.ceil((target - times[:-1]) / dt - 1e-9) <= 2
-        return times[: 1 + int(np.argmax(np.append(shortened, True)))]
+        is_shortened = np.ceil((target - times[:-1]) / dt - SAME_TIME) <= 2  # see `fit_step`
+        return times[: 1 + int(np.argmax(np.append(is_shortened, True)))]
+
+
+def _memories_after(memory: object, taken: Taken) -> tuple[object, Step | None]:
+    """Return the memory after fused steps, and the step after them with its memory."""
+    if not isinstance(memory, LimitMemory):
+        return taken.memory, taken.step
+    number = memory.steps + taken.number
+    left = replace(memory, steps=number, method_memory=taken.memory)
+    if taken.step is None:
+        return left, None
+    after = replace(memory, steps=number + 1, method_memory=taken.step.memory)
+    return left, replace(taken.step, memory=after)
 
 
 def _equal(sizes: np.ndarray) -> int:
-    """Number of the first sizes that differ by round-off only."""
+    """Return the number of the first sizes that differ by round-off only."""
     if not len(sizes):
         return 0
-    unlike = np.abs(sizes - sizes[0]) > EQUAL_SIZES * sizes[0]
+    unlike = np.abs(sizes - sizes[0]) > SAME_TIME * sizes[0]
     return int(np.argmax(np.append(unlike, True)))

@@ -17,20 +17,29 @@ from fecloth.terms.records import remembered
 MOST_GROWTH = 4.0  # times the energy available: every usable step so far had less
 # Times the last step's work: what loads have given as momentum before they did work.
 LAG_OF_WORK = 4.0
-ROUND_OFF = 64 * np.finfo(float).eps
+# Over the largest coordinate: what the sums and differences of a step leave in a position.
+ROUND_OFF_OF_POSITION = 64 * np.finfo(float).eps
 
 
 @remembered
 @dataclass(frozen=True)
 class Growth(Account):
-    """Whether the last step had more energy than was available."""
+    """Whether the last step had more energy than was available.
 
-    # One step may: a load switched on transfers momentum before it has done work. `follow`
-    # raises `StepFailed` if two steps in a row do.
+    A single step may: a load switched on transfers momentum before it has done work. `follow`
+    raises `StepFailed` if two steps in a row do.
+
+    Attributes
+    ----------
+    kinetic
+        Kinetic energy of the deformation after the last step [J].
+    excess
+        `describe_growth` there.
+    """
 
     name = "growth"
-    kinetic: float  # of the deformation after the last step [J]
-    excess: str  # `describe_growth` there
+    kinetic: float
+    excess: str
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "Growth":
@@ -39,6 +48,7 @@ class Growth(Account):
         return cls(deformation.kinetic, excess)
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Growth":
+        """Return the record after a step; `StepFailed` after two in a row with an excess."""
         after = self.begin(run, others)
         if self.excess and after.excess:
             noise = _noise(run.system, info, others[Ledger])
@@ -50,29 +60,31 @@ class Growth(Account):
 
 
 def describe_growth(deformation: Deformation, ledger: Ledger, most: float) -> str:
-    """Return a sentence if it has more than `most` times the available energy, or ""."""
-    # A load that sets in has given momentum before work: the last inflow counts several times.
+    """Return a sentence if a cloth has more than `most` times the available energy, or "".
+
+    A load that sets in has given momentum before work: the last inflow counts several times.
+    """
     inflow = deformation.inflow - deformation.last_inflow
     available = deformation.available(ledger) + LAG_OF_WORK * max(0.0, inflow)
     if math.isinf(most) or deformation.kinetic <= most * available:
         return ""
     return (
-        f"the cloth deforms with a kinetic energy of {deformation.kinetic:.3g} J, where its start, "
-        f"its loads and its pins can have given it {available:.3g} J at most: the method has "
-        "made the rest"
+        f"the cloth deforms with a kinetic energy of {deformation.kinetic:.3g} J, where its "
+        f"start, its loads and its pins can have given it {available:.3g} J at most: the "
+        "method has made the rest"
     )
 
 
 def _noise(system: System, info: StepInfo, ledger: Ledger) -> float:
-    """Kinetic energy [J] below which growth means nothing.
+    """Return the kinetic energy [J] below which growth means nothing.
 
-    `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)², the round-off of positions, and
-    `ENERGY_UNSOLVED` of the energies of the whole motion and of the loads, at the start and now: an
-    impact may have taken nearly all of the rigid motion's.
+    It is `negligible_energy` or, if that is more, a sum of two parts. One is ½ m (64 ε |x|/dt)²,
+    the round-off of positions. The other is `ENERGY_UNSOLVED` of the energies of the whole motion
+    and of the loads, now and at the start: an impact may have taken nearly all of them since.
     """
-    speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
-    loads = [n for n, term in system.named if term.load]
-    moved = [ledger.kinetic, *ledger.opening.values(), *map(ledger.potential.get, loads)]
-    unsolved = ENERGY_UNSOLVED * sum(abs(energy or 0.0) for energy in moved)
+    speed = ROUND_OFF_OF_POSITION * np.abs(info.result.state.x).max() / info.dt
+    of_loads = [ledger.potential.get(name, 0.0) for name, term in system.named if term.load]
+    energies = [ledger.kinetic, *ledger.opening.values(), *of_loads]
+    unsolved = ENERGY_UNSOLVED * sum(abs(energy) for energy in energies)
     rounded = 0.5 * system.total_mass * speed**2 + unsolved
     return max(rounded, negligible_energy(system, info.t - info.memory.start))

@@ -31,16 +31,31 @@ TERMS_TIME = 0.0  # at which loads are evaluated: loads of a static scene do not
 @remembered
 @dataclass(frozen=True, eq=False)
 class LoadRate:
-    """After a step: where the next one begins its search, and the force on the pins."""
+    """After a step: where the next one begins its search, and the force on the pins.
 
-    # (n, 3) ∂x/∂(part of the loads) [m], beyond where the pins carry the cloth
+    Attributes
+    ----------
+    rate
+        (n, 3) ∂x/∂(part of the loads) [m], beyond where the pins carry the cloth; or 0.
+    force
+        (n, 3) force of all terms [N].
+    """
+
     rate: np.ndarray | float
-    force: np.ndarray  # (n, 3) of all terms [N]
+    force: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class ScaledLoad(BoundTerm):
-    """A bound load whose force is multiplied by `factor`."""
+    """A bound load whose force is multiplied by `factor`.
+
+    Attributes
+    ----------
+    whole
+        The bound load.
+    factor
+        The part of its force that acts.
+    """
 
     whole: Any
     factor: float
@@ -59,17 +74,21 @@ class LoadsFailed(NewtonFailed):
 
 @dataclass(frozen=True)
 class LoadSteps(ChosenSteps):
-    """Equilibria under growing loads, by `increase_loads`; arguments as for `equilibrium`."""
+    """Equilibria under growing loads, by `increase_loads`.
+
+    The parameters are as for `equilibrium`. The "time" of a step is the part of the loads.
+    """
 
     load_steps: int = 1
     tolerance: float | Literal["auto"] = "auto"
     max_iterations: int = 500
-    friction: Literal["laid", "shaken"] = "laid"  # inside the fabric; shaken: at the end it is gone
+    friction: Literal["laid", "shaken"] = "laid"
 
     traits = MethodTraits(order=0, theta=1.0, stability=None, chooses_dt=True, has_difference=True)
 
     @property
     def method(self) -> "LoadSteps":
+        """Itself: it has no other method for its steps."""
         return self
 
     @property
@@ -83,37 +102,42 @@ class LoadSteps(ChosenSteps):
 
     def solver(self, system: System, choice: str) -> tuple[SolverContext, str]:
         """Return the direct solver of all steps, and in words why it was chosen."""
-        name = "direct" if choice == "auto" else choice
+        name = choice
+        reason = "requested"
+        if choice == "auto":
+            name = "direct"
+            reason = "as for every equilibrium"
         context = static_context(system, self.tolerance, self.max_iterations, name)
         assert context.linear is not None
-        reason = "as for every equilibrium" if choice == "auto" else "requested"
         return context, f"{context.linear.name} ({reason})"
 
     def step(
         self, system: System, state: State, horizon: float, solver, memory=None, history=None
     ) -> Step:
-        """Find the equilibrium under `state.t` + `horizon` of the loads, or `NewtonFailed`."""
+        """Find the equilibrium under the part `state.t` + `horizon` of the loads.
+
+        Raises `LoadsFailed`, a `NewtonFailed`, if there is none.
+        """
         still = np.zeros_like(state.x)
         start = State(TERMS_TIME, state.x, still)
         load = state.t + horizon
-        rate = memory.rate if memory else 0.0
-        first = memory.force if memory else force_at(system, state, history)
+        before = memory or LoadRate(0.0, force_at(system, state, history))
         try:
             increase = increase_loads(
-                system, start, solver, horizon, (state.t, load), rate, history
+                system, start, solver, horizon, (state.t, load), before.rate, history
             )
             if self.friction == "shaken" and load > 1 - 1e-9:
                 increase = shake(increase, solver)
         except EquilibriumFailed as failure:
             raise LoadsFailed(failure.reason, failure.residual, failure.remedy) from failure
         solved = increase.solved
-        over = increase.over
-        step = close_loads(over, State(load, solved.x, still), first, increase.rate, solved.counts)
+        new = State(load, solved.x, still)
+        step = close_loads(increase.over, new, before.force, increase.rate, solved.counts)
         solution = Solution(self, increase.path, memory, solved.x)
         return replace(step, history=increase.history, earlier=history, solution=solution)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the slow motion from one equilibrium to the next takes away.
+        """Return the energy [J] that the slow motion from one equilibrium to the next takes away.
 
         The energies and the work in the ledger are for the full loads. The work of moved pins
         is the mean of their forces at both ends times the way. Of a step that was halved, what
@@ -122,15 +146,15 @@ class LoadSteps(ChosenSteps):
         system_before, system_after = step.around(system)
         before = system_before.energies(old)
         after = system_after.energies(step.state)
-        work = system.sums.dot(load_forces(system, step.state), step.state.x - old.x)
+        moved = step.state.x - old.x
+        work = system.sums.dot(load_forces(system, step.state), moved)
         begin = (old.x, old.t)
         end = (step.state.x, step.state.t)
         for term in (step.over or system).bound:
             work += term.work(step.state.x) - term.dissipation(step.state.x)
             work += term.work_of_clamps(begin, end, (begin, end))
-        held = system.constraints.held_part
-        at = system.constraints.nodes
-        work -= system.sums.dot(step.force_on_pins(system)[at], held(step.state.x - old.x))
+        force = step.force_on_pins(system)[system.constraints.nodes]
+        work -= system.sums.dot(force, system.constraints.held_part(moved))
         return sum(before.values()) - sum(after.values()) + work
 
     def __str__(self) -> str:
@@ -139,7 +163,7 @@ class LoadSteps(ChosenSteps):
 
 
 def force_at(system: System, state: State, history: History | None) -> np.ndarray:
-    """(n, 3) force [N] of all terms where `state.t` is the part of the loads."""
+    """Return the force (n, 3) [N] of all terms where `state.t` is the part of the loads."""
     return system.with_bound(_scaled(system.with_history(history), state.t)).force(state)
 
 
@@ -150,14 +174,20 @@ def close_loads(
     rate: np.ndarray | float = 0.0,
     counts: Counts = UNCOUNTED,
 ) -> Step:
-    """The step to the equilibrium `new`, whose t is the part of the loads, from a force `first`."""
-    # `over` is the system over its last increment, with whole loads.
+    """Return the step to the equilibrium `new`, whose t is the part of the loads.
+
+    `over` is the system over its last increment, with whole loads; `first` (n, 3) is the force
+    of all terms at the begin of the step [N], and `rate` is as in `LoadRate`.
+    """
     over = over.with_bound(_scaled(over, new.t))
-    return Step(new, new, LoadRate(rate, over.force(new)), counts, over=over, first_force=first)
+    memory = LoadRate(rate, over.force(new))
+    return Step(new, new, memory, counts, over=over, first_force=first)
 
 
 def _scaled(system: System, load: float) -> Iterator[Any]:
     """Yield the terms; loads among them act with the factor `load`."""
     for term in system.bound:
-        scales = load != 1.0 and term.load
-        yield ScaledLoad(term, load) if scales else term
+        if load != 1.0 and term.load:
+            yield ScaledLoad(term, load)
+        else:
+            yield term

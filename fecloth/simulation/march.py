@@ -79,7 +79,7 @@ def march(
         For a dt or t_end that makes no step, or an explicit dt beyond the stability limit.
     StepFailed
         If a step does not converge, makes a value that is not finite or stretches a triangle
-        beyond `most_stretch`; its `state` is the last one that was found good.
+        beyond `most_stretch`; its `state` is the last one that was checked.
 
     Warns
     -----
@@ -120,7 +120,9 @@ def march(
         raise explain(failure, system, taker) from failure.__cause__
 
 
-def refuse_arguments(system, method, state, newton, most_stretch):
+def refuse_arguments(
+    system: System, method, state: State, newton: Newton | None, most_stretch: float
+) -> None:
     """Raise `InputError` for arguments that are swapped, of a wrong type or of another cloth."""
     protocol.check_method(method)
     check_system(system, state, "march")

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -12,6 +13,8 @@ from fecloth.integrators.bdf2 import BDF2
 from fecloth.integrators.explicit import CentralDifference
 from fecloth.integrators.newmark import GeneralizedAlpha
 from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.step import Step
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
@@ -30,11 +33,21 @@ DECISIVE_RATIO = 5.0  # of costs: a method that is cheaper by this factor ends t
 
 @dataclass(frozen=True)
 class Trial:
-    """The cost of a method over a whole run, predicted from its first steps."""
+    """The cost of a method over a whole run, predicted from its first steps.
 
-    method: Adaptive  # ready for `march`
-    dt: float  # mean step in the second half of the trial [s]
-    seconds: float  # wall seconds for the run, less compilation; infinite if it failed
+    Attributes
+    ----------
+    method
+        The method, ready for `march`.
+    dt
+        Mean step in the second half of the trial [s].
+    seconds
+        Predicted wall seconds for the run, without compilation; infinite if it failed.
+    """
+
+    method: Adaptive
+    dt: float
+    seconds: float
 
     def __str__(self) -> str:
         name = type(self.method.method).__name__
@@ -46,7 +59,7 @@ class Trial:
 @checks_arguments
 @dataclass(frozen=True)
 class Auto(ChosenSteps):
-    """`Adaptive` around central differences or generalised-α, whichever is predicted to be faster.
+    """`Adaptive` around central differences or generalised-α, the one predicted to be faster.
 
     Both take their first steps at the tolerance; the cost of the run is the cost of a step
     over its length. An explicit step is never longer than stability allows, an implicit one
@@ -91,7 +104,18 @@ class Auto(ChosenSteps):
     def choose(
         self, system: System, state: State, t_end: float, solver_of, record=lambda *step: None
     ) -> tuple[Adaptive, str]:
-        """Choose the method by trial steps and `record(method, old, step)`; return it and why."""
+        """Return the method that is predicted to be faster, and in words why.
+
+        Parameters
+        ----------
+        system, state, t_end
+            The run: what moves, its start and its end [s].
+        solver_of
+            Function of a method that returns its solver.
+        record
+            Called as `record(method, old, step)` after each trial step, so that the cost of
+            recording counts too.
+        """
         if any(term.needs_end for term in system.bound):
             return self._candidate(BDF2()), "contact leaves BDF2 and backward Euler"
         implicit = self._candidate(GeneralizedAlpha())
@@ -99,55 +123,86 @@ class Auto(ChosenSteps):
             return implicit, "a consistent mass leaves no explicit method"
         explicit = self._candidate(CentralDifference())
         solver = solver_of(implicit)
-        first = _trial(system, state, t_end, explicit, None, MOST_EXPLICIT_STEPS, math.inf, record)
-        most = MOST_IMPLICIT_STEPS
-        rival = first.seconds
-        second = _trial(system, state, t_end, implicit, solver, most, rival, record)
+        run = TrialRun(system, state, t_end, record)
+        first = run.predict_cost(explicit, None, MOST_EXPLICIT_STEPS, rival=math.inf)
+        second = run.predict_cost(implicit, solver, MOST_IMPLICIT_STEPS, rival=first.seconds)
         best, other = sorted((first, second), key=lambda trial: trial.seconds)
         return best.method, f"predicted: {best}, {other}"
 
 
-def _trial(
-    system, state, t_end, method, solver, most: int, rival: float, record=lambda *step: None
-) -> Trial:
-    """Time the first `most` steps; stop early once the comparison with `rival` [s] is decided."""
-    start = state.t
-    memory = None
-    history = StepHistory()
-    records = system.start_history(state)
-    is_informed = needs_history(solver)
-    seconds: list[float] = []
-    sizes: list[float] = []
-    trial = Trial(method, 0.0, math.inf)
-    while len(sizes) < most and state.t < t_end and not _is_decided(trial, rival, seconds):
+@dataclass(frozen=True, eq=False)
+class TrialRun:
+    """A run whose first steps are tried: what moves, its start, its end [s], the recording."""
+
+    system: System
+    start: State
+    t_end: float
+    record: Callable
+
+    def predict_cost(
+        self, method: Adaptive, solver: SolverContext | None, most: int, rival: float
+    ) -> Trial:
+        """Time the first steps of a method, and predict the cost of the whole run with it.
+
+        There are up to `most` steps, and fewer once the comparison with a `rival`, which takes
+        so many seconds, is decided.
+        """
+        failed = Trial(method, 0.0, math.inf)
+        trial = failed
+        seconds: list[float] = []
+        sizes: list[float] = []
+        state = self.start
         begin = time.perf_counter()
-        if is_informed:
-            solver = history.inform(solver, system, method.traits, state)
         try:
-            step = method.step(system, state, t_end - state.t, solver, memory, records)
+            for old, step in self._steps(method, solver):
+                self.record(method, old, step)
+                end = time.perf_counter()
+                seconds.append(end - begin)
+                sizes.append(step.state.t - old.t)
+                state = step.state
+                trial = self._predict(method, sizes, seconds)
+                if len(sizes) == most or _is_decided(trial, rival, seconds):
+                    break
+                begin = time.perf_counter()
         except (NewtonFailed, SolveFailed):
-            return Trial(method, 0.0, math.inf)
-        record(method, state, step)
-        if is_informed:
-            history = history.after(system, method.traits, state, step.state)
-        seconds.append(time.perf_counter() - begin)
-        sizes.append(step.state.t - state.t)
-        state = step.state
-        memory = step.memory
-        records = step.history
-        last = slice(len(sizes) // 2, None)
-        dt = float(np.mean(sizes[last]))
-        each = float(np.median(seconds[last]))
-        trial = Trial(method, dt, each * (t_end - start) / dt)
-    if np.isfinite(state.x).all():
-        return trial
-    return Trial(method, 0.0, math.inf)
+            return failed
+        if np.isfinite(state.x).all():
+            return trial
+        return failed
+
+    def _steps(
+        self, method: Adaptive, solver: SolverContext | None
+    ) -> Iterator[tuple[State, Step]]:
+        """Yield the state before each step, and the step, up to the end of the run."""
+        state = self.start
+        memory = None
+        history = StepHistory()
+        records = self.system.start_history(state)
+        while state.t < self.t_end:
+            context = solver
+            if solver and needs_history(solver):
+                context = history.inform(solver, self.system, method.traits, state)
+            horizon = self.t_end - state.t
+            step = method.step(self.system, state, horizon, context, memory, records)
+            yield state, step
+            if needs_history(solver):
+                history = history.after(self.system, method.traits, state, step.state)
+            state = step.state
+            memory = step.memory
+            records = step.history
+
+    def _predict(self, method: Adaptive, sizes: list[float], seconds: list[float]) -> Trial:
+        """Return the trial after steps of these sizes [s], which took so many seconds."""
+        second_half = slice(len(sizes) // 2, None)
+        dt = float(np.mean(sizes[second_half]))
+        seconds_of_step = float(np.median(seconds[second_half]))
+        steps = (self.t_end - self.start.t) / dt
+        return Trial(method, dt, seconds_of_step * steps)
 
 
 def _is_decided(trial: Trial, rival: float, seconds: list[float]) -> bool:
     """Return whether a trial is decided, or has taken its share of the run."""
     if DECISIVE_RATIO * trial.seconds < rival < math.inf:  # the first steps cost most
         return True
-    return len(seconds) >= FEWEST_TRIAL_STEPS and sum(seconds) > COST_OF_TRIAL * min(
-        trial.seconds, rival
-    )
+    share = COST_OF_TRIAL * min(trial.seconds, rival)
+    return len(seconds) >= FEWEST_TRIAL_STEPS and sum(seconds) > share

@@ -7,9 +7,9 @@ import numpy as np
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.contact.bound_contact import BoundContact
+from fecloth.terms.contact.inside import MOST_NAMED
 
-MOST_NAMED = 5  # nodes that an error names
-SPANS = 2.0 ** np.arange(-12, 1)
+SPANS = 2.0 ** np.arange(-12, 1)  # parts of a step at which a collision is looked for
 
 
 def name_no_room(system: System, state: State, horizon: float) -> str:
@@ -19,36 +19,42 @@ def name_no_room(system: System, state: State, horizon: float) -> str:
     edges and triangles of such nodes through others; or two obstacles pass through each other.
     """
     contacts = [pair for pair in system.named if isinstance(pair[1], BoundContact)]
-    for dt in horizon * SPANS if contacts else ():
-        if words := _name_held(system, state, dt, contacts) or _name_two(state, dt, contacts):
+    if not contacts:
+        return ""
+    for dt in horizon * SPANS:
+        words = _name_held(system, state, dt, contacts) or _name_two(state, dt, contacts)
+        if words:
             return words
     return ""
 
 
 def _name_held(system: System, state: State, dt: float, contacts) -> str:
+    """Return which held nodes the pins would lead into an obstacle, or into each other."""
     constraints = system.constraints
-    end = constraints.target(state.t, dt, state.x)[0]
+    end, _ = constraints.target(state.t, dt, state.x)
     held = constraints.nodes[~constraints.projectors.any(axis=(1, 2))]
     for name, term in contacts:
         struck = term.struck(state.x, end, state.t, dt, held)
-        if len(struck):
-            groups = constraints.groups.items()
-            pins = [pin for pin, (_, nodes) in groups if np.isin(struck, nodes).any()]
-            if term.name == "SelfContact":
-                where = "through each other"
-            else:
-                where = f"into {name}"
-            if len(struck) == 1:
-                count = "a held node"
-            else:
-                count = f"{len(struck)} held nodes"
-            by = f"the pin{'s' * (len(pins) > 1)} {' and '.join(pins)}"
-            return f"{by} would lead {count} {where}: {_numbers(struck)}"
+        if not len(struck):
+            continue
+        groups = constraints.groups.items()
+        pins = [pin for pin, (_, nodes) in groups if np.isin(struck, nodes).any()]
+        by = f"the pin{'s' * (len(pins) > 1)} {' and '.join(pins)}"
+        where = f"into {name}"
+        if term.name == "SelfContact":
+            where = "through each other"
+        count = "a held node"
+        if len(struck) > 1:
+            count = f"{len(struck)} held nodes"
+        return f"{by} would lead {count} {where}: {_numbers(struck)}"
     return ""
 
 
 def _name_two(state: State, dt: float, contacts) -> str:
-    """Two shapes meet where the depth of a node in one is more than its way to the other."""
+    """Return which two obstacles would pass through each other, or "".
+
+    They do where a node is deeper in one than it is far from the other.
+    """
     rooms = [(name, term.room(state.x, state.t + dt)) for name, term in contacts]
     for (name, first), (other, second) in combinations(rooms, 2):
         squeezed = np.flatnonzero(first + second < 0.0)
@@ -61,4 +67,5 @@ def _name_two(state: State, dt: float, contacts) -> str:
 
 
 def _numbers(nodes: np.ndarray) -> str:
+    """Return the first of the nodes, as a list."""
     return ", ".join(map(str, nodes[:MOST_NAMED])) + ", …" * (len(nodes) > MOST_NAMED)

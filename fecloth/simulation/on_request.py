@@ -29,31 +29,53 @@ Measure = Callable[[np.ndarray, Mapping[str, float]], dict[str, float]]
 
 
 def on_request(columns: Iterable[str]) -> tuple[str, ...]:
-    """Return those of the columns that have to be named before a run, each one once."""
+    """Return the columns that have to be named before a run, without repetitions."""
     return tuple(dict.fromkeys(name for name in columns if ON_REQUEST.fullmatch(name)))
 
 
 def bind_measure(name: str, system: System, probes: Iterable[str]) -> Measure:
-    """Return what computes a column; `InputError` if the cloth has no such quantity."""
-    if name in ("drape_coefficient", "folds"):
-        if name == "drape_coefficient":
-            return _bind_drape(system)
+    """Return what computes a column on request; `probes` are the names of the probes.
+
+    Raises `InputError` for any other name, and if the cloth has no such quantity.
+    """
+    if name == "drape_coefficient":
+        return _bind_drape(system)
+    if name == "folds":
         return _bind_folds(system.cloth)
     if name.startswith("distance of "):
-        pair = _two_probes(name, list(probes))
-        return lambda x, row: {name: math.dist(*([row[f"{p}.{c}"] for c in "xyz"] for p in pair))}
+        return _bind_distance(name, list(probes))
     if not ON_REQUEST.fullmatch(name):
         remedy = "By name: distance of A and B, drape_coefficient, folds, line_force.PIN."
         allowed = "must be a list of Probe(name, where), or of names of quantities"
         raise InputError(f"probes: {name!r}", allowed, "Observer", remedy)
     pin = re.sub(r"\.[xyz]$", "", name[len("line_force:") :])
+    return _bind_line_force(system, pin)
+
+
+def _bind_distance(name: str, probes: list[str]) -> Measure:
+    """Return the measure of the distance between two probes."""
+    first, second = _two_probes(name, probes)
+
+    def distance(x: np.ndarray, row: Mapping[str, float]) -> dict[str, float]:
+        a = [row[f"{first}.{axis}"] for axis in "xyz"]
+        b = [row[f"{second}.{axis}"] for axis in "xyz"]
+        return {name: math.dist(a, b)}
+
+    return distance
+
+
+def _bind_line_force(system: System, pin: str) -> Measure:
+    """Return the measure of the force with which a pin holds each metre of its edge."""
     width = grip_width(system, pin)
-    return lambda x, row: {
-        f"line_force:{pin}.{c}": row[f"reaction:{pin}.{c}"] / width for c in "xyz"
-    }
+
+    def line_force(x: np.ndarray, row: Mapping[str, float]) -> dict[str, float]:
+        return {f"line_force:{pin}.{axis}": row[f"reaction:{pin}.{axis}"] / width for axis in "xyz"}
+
+    return line_force
 
 
 def _two_probes(name: str, probes: list[str]) -> tuple[str, str]:
+    """Return the probes whose distance has this name, or raise `InputError`."""
     for first, second in itertools.product(probes, probes):
         if name == f"distance of {first} and {second}":
             return first, second
@@ -73,9 +95,11 @@ def grip_width(system: System, pin: str) -> float:
         allowed = f"must be the force of one of the pins {', '.join(groups) or '(none)'}"
         raise InputError(f"quantity 'line_force.{pin}'", allowed, "", did_you_mean(pin, groups))
     cloth = system.cloth
-    held = np.isin(cloth.triangles, groups[pin][1])
-    two = held.sum(axis=1) == 2
-    edges = np.unique(np.sort(cloth.triangles[two][held[two]].reshape(-1, 2)), axis=0)
+    _, nodes = groups[pin]
+    is_held = np.isin(cloth.triangles, nodes)
+    has_edge = is_held.sum(axis=1) == 2
+    edges = cloth.triangles[has_edge][is_held[has_edge]].reshape(-1, 2)
+    edges = np.unique(np.sort(edges), axis=0)
     width = float(np.linalg.norm(np.diff(cloth.X[edges], axis=1), axis=2).sum())
     if not width:
         what = f"quantity 'line_force.{pin}': the pin holds no edge beside free cloth"
@@ -91,13 +115,17 @@ def support_area(system: System) -> float:
     """
     for term in system.terms:
         shape = parameters_of(term).get("shape")
-        if isinstance(shape, shapes.Disk | shapes.Cylinder):
-            axis = np.array(shape.normal if isinstance(shape, shapes.Disk) else shape.axis, float)
-            if abs(axis[2]) > LEAST_COSINE_OF_TILT * np.linalg.norm(axis):
-                return math.pi * shape.radius**2
+        if isinstance(shape, shapes.Disk):
+            axis = np.array(shape.normal, float)
+        elif isinstance(shape, shapes.Cylinder):
+            axis = np.array(shape.axis, float)
+        else:
+            continue
+        if abs(axis[2]) > LEAST_COSINE_OF_TILT * np.linalg.norm(axis):
+            return math.pi * shape.radius**2
     cloth = system.cloth
-    held = np.isin(cloth.triangles, system.constraints.nodes).all(axis=1)
-    return float(cloth.weights[held].sum())
+    is_held = np.isin(cloth.triangles, system.constraints.nodes).all(axis=1)
+    return float(cloth.weights[is_held].sum())
 
 
 def _bind_drape(system: System) -> Measure:
@@ -108,20 +136,15 @@ def _bind_drape(system: System) -> Measure:
     """
     cloth = system.cloth
     support = support_area(system)
-    triangles = [Surface.from_cloth(cloth).triangles]
-    middles = list[np.ndarray]()
-    for _, nodes in () if support else system.constraints.groups.values():
-        edges = cloth.edge_sets["boundary"]
-        edges = edges[np.isin(edges, nodes).all(axis=1)]
-        tip = np.full((len(edges), 1), len(cloth.X) + len(middles))
-        triangles.append(np.hstack([edges, tip]))
-        middles.append(nodes)
+    holes = [] if support else [nodes for _, nodes in system.constraints.groups.values()]
+    triangles_of_holes = _fill_holes(cloth, holes)
+    triangles = np.concatenate([Surface.from_cloth(cloth).triangles, triangles_of_holes])
 
-    def shadow(triangles: Sequence[np.ndarray], x: np.ndarray) -> float:
-        points = np.vstack([x, *(x[nodes].mean(axis=0) for nodes in middles)])
-        return shadow_area(np.concatenate([NO_TRIANGLES, *triangles]), points)
+    def shadow(triangles: np.ndarray, x: np.ndarray) -> float:
+        points = np.vstack([x, *(x[nodes].mean(axis=0) for nodes in holes)])
+        return shadow_area(triangles, points)
 
-    hole = shadow(triangles[1:], np.pad(cloth.X, ((0, 0), (0, 1))))
+    hole = shadow(triangles_of_holes, np.pad(cloth.X, ((0, 0), (0, 1))))
     overhang = cloth.area - support
     if not overhang > 1e-3 * cloth.area:
         what = f"drape_coefficient: the support has {support:g} m² of {cloth.area:g} m²"
@@ -129,6 +152,20 @@ def _bind_drape(system: System) -> Measure:
 
     ring = support + hole
     return lambda x, row: {"drape_coefficient": (shadow(triangles, x) - ring) / overhang}
+
+
+def _fill_holes(cloth: Cloth, holes: Sequence[np.ndarray]) -> np.ndarray:
+    """Return triangles (m, 3) between the edges of holes and a node more in the middle of each.
+
+    `holes` has the nodes around each; the new nodes follow the nodes of the cloth.
+    """
+    triangles = [NO_TRIANGLES]
+    for number, nodes in enumerate(holes):
+        edges = cloth.edge_sets["boundary"]
+        edges = edges[np.isin(edges, nodes).all(axis=1)]
+        middle = np.full((len(edges), 1), len(cloth.X) + number)
+        triangles.append(np.hstack([edges, middle]))
+    return np.concatenate(triangles)
 
 
 def shadow_area(triangles: np.ndarray, x: np.ndarray) -> float:
@@ -142,50 +179,76 @@ def shadow_area(triangles: np.ndarray, x: np.ndarray) -> float:
     corners = x[triangles, :2]
     order = np.argsort(corners[:, :, 1], axis=1)[:, :, None]
     (xa, ya), (xb, yb), (xc, yc) = np.take_along_axis(corners, order, 1).transpose(1, 2, 0)
-    if not yc.max(initial=-np.inf) > (low := ya.min(initial=np.inf)):
+    low = ya.min(initial=np.inf)
+    high = yc.max(initial=-np.inf)
+    if not high > low:
         return 0.0
-    apart = (yc.max() - low) / LINES_OF_SHADOW
-    first, last = (np.ceil((y - low) / apart - 0.5).astype(int) for y in (ya, yc))
-    count = last - first
-    t = np.repeat(np.arange(len(count)), count)
-    line = np.arange(len(t)) - np.repeat(np.cumsum(count) - count, count) + first[t]
+    apart = (high - low) / LINES_OF_SHADOW
+    t, line = _crossings((ya - low) / apart, (yc - low) / apart)
     y = low + (line + 0.5) * apart
     with np.errstate(divide="ignore", invalid="ignore"):  # of the side that is not taken
-        long = xa[t] + (y - ya[t]) / (yc - ya)[t] * (xc - xa)[t]
-        lower = xa[t] + (y - ya[t]) / (yb - ya)[t] * (xb - xa)[t]
-        upper = xb[t] + (y - yb[t]) / (yc - yb)[t] * (xc - xb)[t]
-    short = np.where(y < yb[t], lower, upper)
-    shift = 2.0 * line * (corners[:, :, 0].max() - corners[:, :, 0].min())  # a line after the other
-    left = np.minimum(long, short) + shift
-    right = np.maximum(long, short) + shift
-    by = np.argsort(left)
-    reached = np.maximum.accumulate(right[by])
-    start = np.maximum(left[by], np.append(-np.inf, reached[:-1]))
-    return float(np.maximum(right[by] - start, 0.0).sum() * apart)
+        on_long_side = xa[t] + (y - ya[t]) / (yc - ya)[t] * (xc - xa)[t]
+        on_lower_side = xa[t] + (y - ya[t]) / (yb - ya)[t] * (xb - xa)[t]
+        on_upper_side = xb[t] + (y - yb[t]) / (yc - yb)[t] * (xc - xb)[t]
+    on_short_side = np.where(y < yb[t], on_lower_side, on_upper_side)
+    width = corners[:, :, 0].max() - corners[:, :, 0].min()
+    shift = 2.0 * line * width  # puts the lines one after the other
+    left = np.minimum(on_long_side, on_short_side) + shift
+    right = np.maximum(on_long_side, on_short_side) + shift
+    return float(_covered_length(left, right) * apart)
+
+
+def _crossings(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triangle and the line of each crossing, line i lying at i + ½.
+
+    `first` and `last` (m,) are the places of the lowest and the highest corner of each triangle,
+    in distances of lines.
+    """
+    first, last = (np.ceil(place - 0.5).astype(int) for place in (first, last))
+    count = last - first
+    triangle = np.repeat(np.arange(len(count)), count)
+    before = np.cumsum(count) - count  # crossings of the triangles before
+    line = np.arange(len(triangle)) - np.repeat(before, count) + first[triangle]
+    return triangle, line
+
+
+def _covered_length(left: np.ndarray, right: np.ndarray) -> float:
+    """Return the length of the union of intervals from `left` (m,) to `right` (m,)."""
+    order = np.argsort(left)
+    reached = np.maximum.accumulate(right[order])
+    start = np.maximum(left[order], np.append(-np.inf, reached[:-1]))
+    return np.maximum(right[order] - start, 0.0).sum()
 
 
 def _bind_folds(cloth: Cloth) -> Measure:
-    """Return the measure of the waves of the outer border: the number, from 2, of the largest one.
+    """Return the measure of the number of folds, the largest wave of the outer border.
 
-    It is the largest amplitude of the Fourier series of the height over the angle about the
-    middle of the flat cloth, interpolated at equal angles. 0 if the rim is flat; a single wave
-    is a tilt.
+    It is the number, from 2, of the largest amplitude in the Fourier series of the height over
+    the angle about the middle of the flat cloth, interpolated at equal angles. It is 0 if the
+    rim is flat; a single wave is a tilt.
     """
-    edges = cloth.edge_sets["boundary"]
-    n = len(cloth.X)
-    graph = sparse.csr_matrix((np.ones(len(edges)), edges.T), shape=(n, n))
-    loop = connected_components(graph, directed=False)[1]
     from_middle = cloth.X - (cloth.X.max(axis=0) + cloth.X.min(axis=0)) / 2
     radii = np.linalg.norm(from_middle, axis=1)
-    nodes = np.flatnonzero(loop == loop[np.argmax(radii)])  # without the rims of holes
-    angles = np.arctan2(*from_middle[nodes].T[::-1])
-    equal = 2 * np.pi * np.arange(ANGLES_OF_RIM) / ANGLES_OF_RIM
+    nodes = _outer_rim(cloth, int(np.argmax(radii)))
+    angles = np.arctan2(from_middle[nodes, 1], from_middle[nodes, 0])
+    equal_angles = 2 * np.pi * np.arange(ANGLES_OF_RIM) / ANGLES_OF_RIM
     least = LEAST_WAVE * float(radii[nodes].mean())
 
     def folds(x: np.ndarray, row: Mapping[str, float]) -> dict[str, float]:
-        height = np.interp(equal, angles, x[nodes, 2], period=2 * np.pi)
+        height = np.interp(equal_angles, angles, x[nodes, 2], period=2 * np.pi)
         waves = np.abs(np.fft.rfft(height))[: MOST_FOLDS + 1] * 2 / ANGLES_OF_RIM
         waves[:2] = 0.0
-        return {"folds": float(np.argmax(waves)) if waves.max() > least else 0.0}
+        if not waves.max() > least:
+            return {"folds": 0.0}
+        return {"folds": float(np.argmax(waves))}
 
     return folds
+
+
+def _outer_rim(cloth: Cloth, node: int) -> np.ndarray:
+    """Return the nodes of the border on which this node lies, without the rims of holes."""
+    edges = cloth.edge_sets["boundary"]
+    number = len(cloth.X)
+    graph = sparse.csr_matrix((np.ones(len(edges)), edges.T), shape=(number, number))
+    _, loop = connected_components(graph, directed=False)
+    return np.flatnonzero(loop == loop[node])

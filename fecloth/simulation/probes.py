@@ -20,53 +20,65 @@ from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.loops.green_strain import gradient
 
+# Names, and beginnings of names, of columns that a run may have anyway.
 TAKEN = (
     "mean_displacement",
-    *("sag", "area", "volume", "least_stretch", "largest_stretch", "drape_coefficient", "folds"),
+    "sag",
+    "area",
+    "volume",
+    "least_stretch",
+    "largest_stretch",
+    "drape_coefficient",
+    "folds",
 )
 PREFIXES = ("reaction:", "least_distance:", "line_force:", "distance of ")
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
-    """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
+    """Return the force (3,) [N] with which each pin group holds the cloth over a step.
 
-    f is the mean force over the step. If the step has its own acceleration `a` and the force
-    that it `solved` for, these are used: BDF2's reactions belong to the end of the step. Only
+    It is the sum of M Δv/dt − f over the nodes of the group, where f is the mean force over the
+    step from `old`. A step that has its own acceleration `a` (BDF2) also has the force for which
+    it solved: both are used, so that its reactions belong to the end of the step. Only
     constrained directions count: a slide has no reaction along its line or plane.
     """
     if not system.constraints.groups:
         return {}
     if step.a is None:
-        a = (step.state.v - old.v) / (step.state.t - old.t)
-        f = step.mean_force(system)
+        acceleration = (step.state.v - old.v) / (step.state.t - old.t)
+        force = step.mean_force(system)
     else:
-        a = step.a
-        f = step.solved_force
-    return _held_forces(system, system.mass_times(a) - f)
+        acceleration = step.a
+        force = step.solved_force
+    return _held_forces(system, system.mass_times(acceleration) - force)
 
 
 def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:
-    """Pin group → sum (3,) of its nodes' residual (n, 3) in the directions that it holds."""
+    """Return the sum (3,) of the residual (n, 3) that each pin group holds; changes `residual`."""
     constraints = system.constraints
     residual[constraints.nodes] = constraints.held_part(residual)
     return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
 
 
 def contact_rows(system: System, acting: System | None, state: State) -> dict[str, float]:
-    """Reaction [N] and least distance [m] of each obstacle at a state.
+    """Return the reaction [N] and the least distance [m] of each obstacle at a state.
 
     The reaction is the force with which the obstacle holds the cloth, friction included, as the
-    reaction of a pin; the force on the obstacle is its opposite. It is NaN without an `acting`
-    system.
+    reaction of a pin; the force on the obstacle is its opposite. It is taken from the `acting`
+    system, whose terms are bound over a step (`Step.over`), and NaN without one.
     """
     row: dict[str, float] = {}
     terms = zip(system.names, system.bound, (acting or system).bound, strict=True)
-    for name, term, over in terms:
-        if term.keeps_distance:
-            f = np.full_like(state.x, 0.0 if acting else np.nan)
-            over.add_force(state.x, state.v, state.t, f)
-            row |= _components(f"reaction:{name}", f.sum(axis=0))
-            row[f"least_distance:{name}"] = term.least_distance(state.x, state.t)
+    for name, term, acting_term in terms:
+        if not term.keeps_distance:
+            continue
+        reaction = np.full(3, np.nan)
+        if acting:
+            force = np.zeros_like(state.x)
+            acting_term.add_force(state.x, state.v, state.t, force)
+            reaction = force.sum(axis=0)
+        row |= _components(f"reaction:{name}", reaction)
+        row[f"least_distance:{name}"] = term.least_distance(state.x, state.t)
     return row
 
 
@@ -83,6 +95,12 @@ class Probe:
         A node set's name, node indices or a predicate: the mean position of these nodes.
     point
         Material coordinates (X, Y) [m]; give this or `where`.
+
+    Raises
+    ------
+    InputError
+        If both or none of `where` and `point` are given, or `where` has numbers that are no
+        indices.
     """
 
     name: str
@@ -92,7 +110,8 @@ class Probe:
     def __post_init__(self):
         if (self.where is None) == (self.point is None):
             raise InputError(f"probe {self.name!r}", "needs either `where` or `point`", "Probe")
-        if isinstance(self.where, tuple | list) and any(isinstance(n, float) for n in self.where):
+        indices = self.where if isinstance(self.where, tuple | list) else ()
+        if any(isinstance(index, float) for index in indices):
             allowed = "must be a node set's name, node indices, or a predicate on X"
             remedy = f"A place is point = {self.where}."
             raise InputError(f"where = {self.where}", allowed, f"probe {self.name!r}", remedy)
@@ -102,41 +121,60 @@ class Probe:
         if self.where is None:
             return cloth.interpolator(np.array([self.point]))
         nodes = cloth.nodes(self.where)
-        entries = np.full(len(nodes), 1.0 / len(nodes)), (np.zeros(len(nodes), int), nodes)
-        return sparse.csr_matrix(entries, shape=(1, len(cloth.X)))
+        weights = np.full(len(nodes), 1.0 / len(nodes))
+        rows = np.zeros(len(nodes), int)
+        return sparse.csr_matrix((weights, (rows, nodes)), shape=(1, len(cloth.X)))
 
 
 @dataclass(frozen=True, eq=False)
 class Observer:
     """The quantities recorded at every step, bound to a system and its start.
 
-    `sag` is the greatest fall of a node since the start, whatever shape the cloth starts in [m].
-    With `shape` these are also the largest and least principal stretch and the enclosed volume.
-    Names among the probes, such as "folds", are columns on request: see `on_request`.
+    They are the places of the probes, the mean displacement, the sag, the area, the reactions of
+    pins and obstacles, and the least distances from obstacles. The sag is the greatest fall of
+    a node since the start, whatever shape the cloth starts in [m].
+
+    Attributes
+    ----------
+    system, start
+        What moves, and its state before the first step.
+    probes
+        Nodes and weights of each probe, by its name.
+    shape
+        The closed surface of the cloth, if the largest and the least principal stretch and the
+        enclosed volume are recorded too; else None.
+    measures
+        Columns that were asked for by name, such as "folds": see `on_request`.
     """
 
     system: System
     start: State
-    probes: Mapping[str, tuple[np.ndarray, np.ndarray]]  # nodes and weights of each
+    probes: Mapping[str, tuple[np.ndarray, np.ndarray]]
     shape: Enclosure | None = None
-    measures: tuple[Measure, ...] = ()  # columns on request
+    measures: tuple[Measure, ...] = ()
 
     @classmethod
     def bind(cls, system: System, start: State, probes=(), shape: bool = False) -> "Observer":
-        placed = _distinct(probes)
+        """Return the observer of probes, which are `Probe`s and names of columns on request.
+
+        Raises `InputError` for what is neither, for two probes of one name, and for a name that
+        a column of a run has.
+        """
         cloth = system.cloth
-        rows = {p.name: p.weights(cloth) for p in placed}
-        names = dict.fromkeys(name for name in probes if isinstance(name, str))
-        measures = tuple(bind_measure(name, system, rows) for name in names)
-        weights = {name: (row.indices, row.data) for name, row in rows.items()}
+        matrices = {probe.name: probe.weights(cloth) for probe in _distinct(probes)}
+        weights = {name: (matrix.indices, matrix.data) for name, matrix in matrices.items()}
+        requested = dict.fromkeys(name for name in probes if isinstance(name, str))
+        measures = tuple(bind_measure(name, system, matrices) for name in requested)
+        enclosure = None
         if shape:
             enclosure = Enclosure.from_triangles(cloth.cells, len(cloth.X))
-        else:
-            enclosure = None
         return cls(system, start, weights, enclosure, measures)
 
     def row(self, old: State | None, step) -> dict[str, float]:
-        """Return probes, displacement, sag, area, reactions over the step (NaN at the start)."""
+        """Return the columns after a step, with the reactions over it.
+
+        Without a step they are the columns at the start, where reactions are NaN.
+        """
         if old is None or step is None:
             return self._row(self.start, {}, None)
         acting = step.over or self.system
@@ -148,18 +186,20 @@ class Observer:
         return self._row(state, forces, self.system)
 
     def _row(self, state: State, forces: Mapping, acting: System | None) -> dict[str, float]:
+        """Return the columns at a state; `forces` (3,) are the reactions of the pin groups."""
         mass = self.system.nodal_mass
-        moved = state.x - self.start.x
+        displacement = state.x - self.start.x
         row = {"t": state.t}
         for name, (nodes, weights) in self.probes.items():
             row |= _components(name, weighted_sum(weights, state.x[nodes], np.zeros(3)))
-        row |= _components("mean_displacement", self.system.sums.mean(mass, moved))
-        row["sag"] = float(-moved[:, 2].min())
+        row |= _components("mean_displacement", self.system.sums.mean(mass, displacement))
+        row["sag"] = float(-displacement[:, 2].min())
         row["area"] = area(self.system.cloth, state.x)
         if self.shape:
-            stretches = extreme_stretches(self.system.cloth, state.x)
+            least, largest = extreme_stretches(self.system.cloth, state.x)
             row["volume"] = self.shape.volume(state.x)
-            row["least_stretch"], row["largest_stretch"] = stretches
+            row["least_stretch"] = least
+            row["largest_stretch"] = largest
         for name in self.system.constraints.groups:
             row |= _components(f"reaction:{name}", forces.get(name, np.full(3, np.nan)))
         row |= contact_rows(self.system, acting, state)
@@ -169,21 +209,24 @@ class Observer:
 
 
 def _distinct(probes) -> tuple[Probe, ...]:
-    single = isinstance(probes, Probe | str)
-    if single or not all(isinstance(p, Probe | str) for p in probes):
-        raise InputError(f"probes = {probes!r}", "must be a list of Probe(name, where)", "Observer")
-    probes = [probe for probe in probes if isinstance(probe, Probe)]
-    names = [probe.name for probe in probes]
+    """Return the `Probe`s among the probes, or raise `InputError` for a name that is taken."""
+    is_list = not isinstance(probes, Probe | str)
+    if not (is_list and all(isinstance(probe, Probe | str) for probe in probes)):
+        allowed = "must be a list of Probe(name, where)"
+        raise InputError(f"probes = {probes!r}", allowed, "Observer")
+    placed = [probe for probe in probes if isinstance(probe, Probe)]
+    names = [probe.name for probe in placed]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"probe {name!r} appears twice", "needs a unique name", "Observer")
         if name in TAKEN or name.startswith(PREFIXES):
-            raise InputError(f"probe {name!r}", "is the name of a column of every run", "Observer")
-    return tuple(probes)
+            allowed = "is the name of a column of every run"
+            raise InputError(f"probe {name!r}", allowed, "Observer")
+    return tuple(placed)
 
 
 def area(cloth: Cloth, x: np.ndarray) -> float:
-    """Return the deformed area Σ w √det(FᵀF) [m²]; P2 triangles use the 6 points of the energy."""
+    """Return the deformed area Σ w √det(FᵀF) [m²], of P2 at the 6 points of the energy."""
     return _area(*cloth.shape, cloth.stencil, cloth.gradients, cloth.weights, x)
 
 
@@ -194,10 +237,13 @@ def _area(K, Q, nodes, G, w, x):
     for e in range(len(nodes)):
         for q in range(len(Q)):
             F11, F21, F31, F12, F22, F32 = gradient(K, nodes, G, e, q, x)
-            n1, n2, n3 = F21 * F32 - F31 * F22, F31 * F12 - F11 * F32, F11 * F22 - F21 * F12
+            n1 = F21 * F32 - F31 * F22
+            n2 = F31 * F12 - F11 * F32
+            n3 = F11 * F22 - F21 * F12
             total += w[e, q] * math.sqrt(n1 * n1 + n2 * n2 + n3 * n3)
     return total
 
 
 def _components(name, vector):
-    return {f"{name}.{c}": float(value) for c, value in zip("xyz", vector, strict=True)}
+    """Return the columns name.x, name.y and name.z of a vector (3,)."""
+    return {f"{name}.{axis}": float(value) for axis, value in zip("xyz", vector, strict=True)}

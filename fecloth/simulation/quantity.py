@@ -23,9 +23,9 @@ UNITS |= {"displacement": "m²", "velocity": "m²/s", "reaction": "N", "energy":
 UNITS |= {"drape_coefficient": "", "folds": "", "line_force": "N/m"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 EXAMPLES = (
-    "tip.z, tip.z at 0.3 s, max sag, path of tip, period of tip.z, energy.StVK, reaction.left.z, "
-    "displacement in H1, frequency(2), distance of a and b, drape_coefficient, folds, "
-    "line_force.left.x"
+    "tip.z, tip.z at 0.3 s, max sag, path of tip, period of tip.z, energy.StVK, "
+    "reaction.left.z, displacement in H1, frequency(2), distance of a and b, "
+    "drape_coefficient, folds, line_force.left.x"
 )
 _MODE = re.compile(r"frequency\s*\(\s*(\d+)\s*\)")
 _TEXT = re.compile(
@@ -38,20 +38,36 @@ _TEXT = re.compile(
 class Quantity:
     """A quantity of interest, as `parse_quantity` reads it from a text.
 
-    [max | min | path of | period of | frequency of] NAME [in L2 | in H1] [at TIME]
-    frequency(k)
+    The grammar of the text is one of::
+
+        [max | min | path of | period of | frequency of] NAME [in L2 | in H1] [at TIME]
+        frequency(k)
+
+    Attributes
+    ----------
+    text
+        The text; it names the quantity in tables.
+    name
+        A column ("tip.z", "sag", "energy.StVK"), a vector ("tip", "reaction.left"), a field
+        ("displacement"), or "" for the frequency of a mode and for a function.
+    how
+        "value" (at a time), "max", "min", "path", "period", "frequency", "mode" or "function".
+    at
+        Time of the value [s]; None for the end.
+    norm
+        "l2" or "h1" of a field, else "".
+    mode
+        Number k of the mode, from 1.
+    function
+        The user's function of the result of a run, which returns a number.
     """
 
-    text: str  # the text; it names the quantity in tables
-    # A column ("tip.z", "sag", "energy.StVK"), a vector ("tip", "reaction.left"), a field
-    # ("displacement"), or "" for the frequency of a mode and for a function.
+    text: str
     name: str = ""
-    # "value" (at a time), "max", "min", "path", "period", "frequency", "mode" or "function".
     how: str = "value"
-    at: float | None = None  # time of the value [s]; None for the end
-    norm: str = ""  # "l2" or "h1" of a field, else ""
-    mode: int = 0  # number k of the mode, from 1
-    # The user's function of the result of a run, which returns a number.
+    at: float | None = None
+    norm: str = ""
+    mode: int = 0
     function: Callable[..., float] | None = None
 
     def __str__(self) -> str:
@@ -59,6 +75,7 @@ class Quantity:
 
     @property
     def is_field(self) -> bool:
+        """Whether it is a field over the cloth, not a column of a table."""
         return self.name in FIELDS
 
     @cached_property
@@ -75,8 +92,10 @@ class Quantity:
         """Return the SI unit; `names` are names of energies, which need no prefix."""
         if self.how in ("mode", "frequency"):
             return "Hz"
-        if self.how in ("period", "function"):
-            return "s" if self.how == "period" else ""
+        if self.how == "period":
+            return "s"
+        if self.how == "function":
+            return ""
         if self.norm == "h1":
             if self.name == "displacement":
                 return "m"
@@ -98,7 +117,7 @@ class Quantity:
             known = columns | vectors
         if self.is_field or self.column in known:
             return
-        shown = sorted(known | (set() if self.how != "value" else set(FIELDS)))
+        shown = sorted(known | set(FIELDS)) if self.how == "value" else sorted(known)
         if self.column in vectors:
             remedy = f"Take a component, as {self.name}.z."
         else:
@@ -108,12 +127,17 @@ class Quantity:
 
 
 def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
-    """Return the quantity of a text, or of a function of the result of a run."""
+    """Return the quantity of a text, or of a function of the result of a run.
+
+    Raises `InputError` for a text that is not in the grammar of `Quantity`.
+    """
     if isinstance(text, Quantity):
         return text
     if callable(text):
-        name = getattr(text, "__name__", "a function")
-        return Quantity(name if name != "<lambda>" else "a function", how="function", function=text)
+        name = getattr(text, "__name__", "<lambda>")
+        if name == "<lambda>":
+            name = "a function"
+        return Quantity(name, how="function", function=text)
     if not (isinstance(text, str) and text.strip()):
         raise InputError(f"quantity = {text!r}", "must be a text such as " + EXAMPLES)
     words = " ".join(text.split())
@@ -124,12 +148,14 @@ def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
     match = _TEXT.fullmatch(words)
     if match is None or " at " in match["name"] or " in " in match["name"]:
         raise _refusal(text, "is not in the grammar of quantities")
-    how = HOW[match["how"]] if match["how"] else "value"
-    if match["at"] is None:
-        at = None
-    else:
+    how = "value"
+    if match["how"]:
+        how = HOW[match["how"]]
+    at = None
+    if match["at"] is not None:
         at = _seconds(text, match["at"], match["unit"])
-    quantity = Quantity(words, match["name"], how, at, _norm(text, match["name"], match["norm"]))
+    norm = _norm(text, match["name"], match["norm"])
+    quantity = Quantity(words, match["name"], how, at, norm)
     if quantity.how != "value" and (at is not None or match["end"]):
         raise _refusal(text, f"'{match['how']}' is over the whole run: it takes no time")
     if quantity.is_field and (quantity.how != "value" or at is not None):
@@ -138,6 +164,7 @@ def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
 
 
 def _seconds(text: str, number: str, unit: str) -> float:
+    """Return a time [s] from its number and its unit; without a unit it is in seconds."""
     try:
         value = float(number) * SECONDS[unit or "s"]
     except (ValueError, KeyError):
@@ -150,6 +177,7 @@ def _seconds(text: str, number: str, unit: str) -> float:
 
 
 def _norm(text: str, name: str, norm: str | None) -> str:
+    """Return the norm of a field, by default L2, and "" of anything else."""
     if name not in FIELDS:
         if norm:
             raise _refusal(text, f"'in {norm}' is for the fields {', '.join(FIELDS)}")

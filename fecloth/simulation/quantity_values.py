@@ -18,20 +18,37 @@ COMPONENTS = "xyz"
 
 @dataclass(frozen=True, eq=False)
 class RunRecord:
-    """What quantities are computed from: the columns of a run and the fields at its end."""
+    """What quantities are computed from: the columns of a run and the fields at its end.
 
-    times: np.ndarray  # (s + 1,) [s]
-    columns: Mapping[str, np.ndarray]  # column → (s + 1,), as in energies.csv and observed.csv
-    # The cloth, and "displacement" [m] and "velocity" [m/s] (n, 3) at the end.
+    Attributes
+    ----------
+    times
+        (s + 1,) times of the start and of the steps that have rows [s].
+    columns
+        Column → (s + 1,), as in energies.csv and observed.csv.
+    cloth
+        The cloth, which fields need.
+    fields
+        "displacement" [m] and "velocity" [m/s] at the end, (n, 3) each.
+    probes
+        Names of probes: the size of one is the length of its displacement.
+    frequencies
+        Frequencies of the modes, the lowest first [Hz].
+    values
+        Values of functions of the result, by the text of the quantity.
+    """
+
+    times: np.ndarray
+    columns: Mapping[str, np.ndarray]
     cloth: Cloth | None = None
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
-    probes: tuple[str, ...] = ()  # names of probes: their size is the length of the displacement
-    frequencies: tuple[float, ...] = ()  # of the modes, lowest first [Hz]
-    # Values of functions of the result, by the text of the quantity.
+    probes: tuple[str, ...] = ()
+    frequencies: tuple[float, ...] = ()
     values: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, result: Result, cloth: Cloth | None = None, **more) -> "RunRecord":
+        """Return the record of a result; `more` are other fields of the record, by name."""
         return cls(result.times, {**result.energies, **result.observed}, cloth, **more)
 
     @cached_property
@@ -47,19 +64,23 @@ class RunRecord:
         return column
 
     def column(self, quantity: Quantity) -> np.ndarray:
-        """Return (s + 1, 1) or (s + 1, 3) values over the run."""
-        # A column that this run does not have is zero: the energy of a term left out.
-        name = quantity.column
-        none = np.zeros(len(self.times))
-        if name in self.vectors:
-            names = [f"{name}.{c}" for c in COMPONENTS]
-        else:
-            names = [name]
-        return np.stack([self.columns.get(one, none) for one in names], axis=1)
+        """Return the values over the run, (s + 1, 1) of a number and (s + 1, 3) of a vector.
+
+        A column that this run does not have is zero, as the energy of a term that was left out.
+        """
+        names = [quantity.column]
+        if quantity.column in self.vectors:
+            names = [f"{quantity.column}.{axis}" for axis in COMPONENTS]
+        zero = np.zeros(len(self.times))
+        return np.stack([self.columns.get(name, zero) for name in names], axis=1)
 
 
 def value_of(quantity: Quantity, record: RunRecord) -> float:
-    """Return the number of a quantity; of a vector, path or field its size, see `size_of`."""
+    """Return the number of a quantity in SI units; of a vector, path or field its size.
+
+    The size is as for `size_of`. Raises `InputError` for a mode that the cloth does not have, a
+    time outside the run, and a signal without a period.
+    """
     if quantity.how == "function":
         return float(record.values[quantity.text])
     if quantity.how == "mode":
@@ -67,8 +88,10 @@ def value_of(quantity: Quantity, record: RunRecord) -> float:
             what = f"{quantity}: this cloth has {amount(len(record.frequencies), 'mode')}"
             raise InputError(what, "needs a smaller number")
         return float(record.frequencies[quantity.mode - 1])
-    column = None if quantity.is_field else record.column(quantity)
-    if column is None or quantity.how == "path" or column.shape[1] > 1:
+    if quantity.is_field or quantity.how == "path":
+        return size_of(quantity, record)
+    column = record.column(quantity)
+    if column.shape[1] > 1:
         return size_of(quantity, record)
     values = column[:, 0]
     if quantity.how in ("max", "min"):
@@ -82,7 +105,11 @@ def value_of(quantity: Quantity, record: RunRecord) -> float:
 
 
 def size_of(quantity: Quantity, record: RunRecord) -> float:
-    """Return the size to which a difference is compared; of probes the size of displacement."""
+    """Return the size with which a difference is compared; of probes that of the displacement.
+
+    It is the magnitude of a number, the length of a vector, the norm of a field, and the root
+    mean square of a path over the run.
+    """
     if quantity.is_field:
         return _norm(quantity, record, record, 0.0)
     if quantity.name and quantity.how in ("value", "path"):
@@ -96,9 +123,9 @@ def size_of(quantity: Quantity, record: RunRecord) -> float:
 def difference_of(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
     """Return the size of b − a: |b − a| of numbers, the norm of vectors and fields.
 
-    Of probes it is the size of their displacements. Of paths it is the root mean square √(∫ |b
-    − a|² dt / T) over the steps of the run with fewer steps; each step counts with its end,
-    because reactions have no value at the start.
+    Of probes it is the difference of their displacements. Of paths it is the root mean square
+    √(∫ |b − a|² dt / T) over the steps of the run with fewer steps. Each step counts with its
+    end, because reactions have no value at the start.
     """
     if quantity.is_field:
         return _norm(quantity, a, b, 1.0)
@@ -106,8 +133,9 @@ def difference_of(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
         times, path_a, path_b = _common_paths(quantity, a, b)
         return _rms(times, path_b - path_a)
     if quantity.how == "value":
-        ends = [_at(quantity, record, record.moved(quantity)) for record in (a, b)]
-        return float(np.linalg.norm(ends[1] - ends[0]))
+        value_a = _at(quantity, a, a.moved(quantity))
+        value_b = _at(quantity, b, b.moved(quantity))
+        return float(np.linalg.norm(value_b - value_a))
     return abs(value_of(quantity, b) - value_of(quantity, a))
 
 
@@ -115,11 +143,14 @@ def _common_paths(
     quantity: Quantity, a: RunRecord, b: RunRecord
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the times of the run with fewer steps, and both paths at these."""
-    t = min(a.times, b.times, key=len)
-    columns = a.moved(quantity).T, b.moved(quantity).T
-    of_a = np.column_stack([np.interp(t, a.times, one) for one in columns[0]])
-    of_b = np.column_stack([np.interp(t, b.times, one) for one in columns[1]])
-    return t, of_a, of_b
+    times = min(a.times, b.times, key=len)
+    return times, _path_at(times, quantity, a), _path_at(times, quantity, b)
+
+
+def _path_at(times: np.ndarray, quantity: Quantity, record: RunRecord) -> np.ndarray:
+    """Return the path of a run at other times, linear between its steps."""
+    columns = record.moved(quantity).T
+    return np.column_stack([np.interp(times, record.times, column) for column in columns])
 
 
 def relative_difference(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
@@ -131,7 +162,9 @@ def relative_difference(quantity: Quantity, a: RunRecord, b: RunRecord) -> float
         size = _rms(times, path)
     if size:
         return apart / size
-    return math.inf if apart else 0.0
+    if apart:
+        return math.inf
+    return 0.0
 
 
 def _at(quantity: Quantity, record: RunRecord, column: np.ndarray) -> np.ndarray:
@@ -147,6 +180,7 @@ def _at(quantity: Quantity, record: RunRecord, column: np.ndarray) -> np.ndarray
 
 
 def _rms(times: np.ndarray, values: np.ndarray) -> float:
+    """Return √(∫ |values|² dt / T) of values (s + 1, k); each step counts with its end."""
     steps = np.diff(times)
     return float(np.sqrt(steps @ np.sum(values[1:] ** 2, axis=1) / steps.sum()))
 
@@ -155,11 +189,13 @@ def _norm(quantity: Quantity, a: RunRecord, b: RunRecord, minus: float) -> float
     """Return the norm of b − minus · a over the cloth."""
     if a.cloth is None or b.cloth is None:
         raise InputError(f"{quantity}", "needs the cloth: RunRecord.of(result, cloth, fields=…)")
-    of_a, of_b = minus * a.fields[quantity.name], b.fields[quantity.name]
-    return float(getattr(a.cloth, f"{quantity.norm}_difference")(b.cloth, of_a, of_b))
+    field_a = minus * a.fields[quantity.name]
+    field_b = b.fields[quantity.name]
+    norm = getattr(a.cloth, f"{quantity.norm}_difference")
+    return float(norm(b.cloth, field_a, field_b))
 
 
-LEAST_SAMPLES = 4  # a cubic spline needs them
+LEAST_SAMPLES = 4  # of a swing: a cubic through fewer points does not turn twice
 
 
 def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal") -> float:
@@ -169,23 +205,32 @@ def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal
     t_k = t_0 + k T/2 + (−1)^k c; T is fitted by least squares. c, which is the shift by a wrong
     level, needs three passages; with only two, T is twice the time between them. The level is
     midway between the extremes or, with three passages, the mean over whole periods.
+
+    Raises `InputError` for fewer than four samples, and for a signal that passes its level less
+    than twice.
     """
     where = f"period of {name}"
     if len(times) < LEAST_SAMPLES:
-        raise InputError(amount(len(times), "sample"), f"must be at least {LEAST_SAMPLES}", where)
+        allowed = f"must be at least {LEAST_SAMPLES}"
+        raise InputError(amount(len(times), "sample"), allowed, where)
     spline = scipy.interpolate.CubicSpline(times, values)
     turns = spline.derivative().roots(extrapolate=False)
     extremes = spline(np.append(turns[np.isfinite(turns)], [times[0], times[-1]]))
     passed = _passages(spline, (extremes.min() + extremes.max()) / 2)
     if len(passed) > 2:  # over whole periods the mean is the level of the swing
-        last = passed[-1 if len(passed) % 2 else -2]
-        passed = _passages(spline, spline.integrate(passed[0], last) / (last - passed[0]))
+        whole_periods = passed[: len(passed) - (len(passed) + 1) % 2]
+        first = whole_periods[0]
+        last = whole_periods[-1]
+        passed = _passages(spline, spline.integrate(first, last) / (last - first))
     if len(passed) < 2:
         remedy = "Take a greater t_end."
         raise InputError("the run", "passes its middle less than twice", where, remedy)
     k = np.arange(len(passed))
-    columns = [np.ones(len(k)), 0.5 * k, (-1.0) ** k][: 2 if len(k) == 2 else 3]
-    return float(np.linalg.lstsq(np.column_stack(columns), passed, rcond=None)[0][1])
+    columns = [np.ones(len(k)), 0.5 * k]  # of t_0, T and c
+    if len(k) > 2:
+        columns.append((-1.0) ** k)
+    fitted = np.linalg.lstsq(np.column_stack(columns), passed, rcond=None)[0]
+    return float(fitted[1])
 
 
 def _passages(spline, level: float) -> np.ndarray:

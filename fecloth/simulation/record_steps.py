@@ -1,6 +1,5 @@
 """Recording of each step for `run`, `fecloth run` and `fecloth check`."""
 
-import math
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
@@ -21,14 +20,28 @@ ROWS = 1000  # of a run whose steps can be fused
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A step with what is recorded of it."""
+    """A step with what is recorded of it.
+
+    Attributes
+    ----------
+    state, info
+        The state after the step, and its figures.
+    accounts
+        The accounts after the step.
+    rows
+        Rows of the tables "energies", "observed" and "steps".
+    wanted
+        The step to record next; None: each.
+    seconds
+        Wall time of the recording.
+    """
 
     state: State
     info: StepInfo
-    accounts: Accounts  # after the step
-    rows: dict[str, dict[str, float]]  # of the tables "energies", "observed" and "steps"
-    wanted: Wanted | None  # the step to record next; None: each
-    seconds: float  # wall time of the recording
+    accounts: Accounts
+    rows: dict[str, dict[str, float]]
+    wanted: Wanted | None
+    seconds: float
 
 
 def record_steps(
@@ -50,19 +63,27 @@ def record_steps(
         begin = time.perf_counter()
         accounts = accounts.follow(run, info)
         rows = accounts.rows(observer.row(info.old, info.result))
-        wanted = next_row and _with_due(next_row(info), info, accounts.due)
+        wanted = None
+        if next_row:
+            wanted = _with_due(next_row(info), info, accounts.due)
         yield Record(state, info, accounts, rows, wanted, time.perf_counter() - begin)
         taken = _advance(steps, wanted)
 
 
 def _with_due(wanted: Wanted, info: StepInfo, due: int) -> Wanted:
-    """Return the next step to record: the step `due` for an account is always recorded."""
-    # It takes the place of a row that is wanted shortly before.
-    is_late = info.step + LARGEST_DISTANCE * (wanted.t - info.t) / info.dt >= due
-    return Wanted(min(wanted.step, due), math.inf if is_late else wanted.t)
+    """Return the next step to record: the step `due` for an account is always recorded.
+
+    It takes the place of a row that is wanted shortly before.
+    """
+    step = min(wanted.step, due)
+    last_step_without_row = info.step + LARGEST_DISTANCE * (wanted.t - info.t) / info.dt
+    if last_step_without_row >= due:
+        return Wanted(step)
+    return Wanted(step, wanted.t)
 
 
 def _advance(steps, wanted: Wanted | None):
+    """Return the next step of `march`, None at its end; tell it which step is `wanted`."""
     if wanted is None or not isinstance(steps, Generator):
         return next(steps, None)
     with suppress(StopIteration):
@@ -71,14 +92,19 @@ def _advance(steps, wanted: Wanted | None):
 
 
 def rows_at_least(rows: int, start: float, t_end: float) -> Callable[[StepInfo], Wanted]:
-    """Return the rule by which a run has about that many `rows`, or one for each step if fewer."""
+    """Return the rule by which a run has about that many `rows`, or one for each step.
+
+    It is a function of the last step that was recorded; `start` and `t_end` are times [s].
+    """
     spacing = (1 - 1e-6) * (t_end - start) / rows
     return lambda info: Wanted(NEVER, info.t + spacing)
 
 
 def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callable:
-    """Return ``record(method, old, step)``, which does the work of recording a trial step."""
-    # `Auto` predicts the cost of a run with it.
+    """Return ``record(method, old, step)``, which does the work of recording a trial step.
+
+    `Auto` predicts the cost of a run with it.
+    """
     deformation = Deformation.open(system, observer.start, ledger)
 
     def record(method, old, step):

@@ -24,8 +24,22 @@ def solver_for(
 ) -> tuple[SolverContext, str]:
     """Return the solver of a run, and in words why it was chosen.
 
-    `choice` is "auto", which changes the solver by the work that it counts (see `select`),
-    "direct", "pardiso", "superlu", "pcg" or "multigrid".
+    Parameters
+    ----------
+    system, method
+        What moves, and the integrator.
+    dt
+        A typical step [s].
+    choice
+        "auto", which changes the solver by the work that it counts (see `select`), "direct",
+        "pardiso", "superlu", "pcg" or "multigrid".
+    options
+        Options of the nonlinear solve; None for the defaults.
+
+    Raises
+    ------
+    InputError
+        For a dt that is not > 0, and for any other choice.
     """
     protocol.check_method(method)
     validation.number("dt", dt, 0.0, "solver_for")
@@ -51,7 +65,12 @@ def resolve(
     newton: Newton | None = None,
     record: Callable = lambda *step: None,
 ) -> tuple[protocol.StepChoice, SolverContext, str]:
-    """Return the choice of steps, also `Auto`'s by `record`, their solver, and in words why."""
+    """Return the choice of steps, their solver, and in words why it was chosen.
+
+    `Auto` chooses its method here, by trial steps from `state`; `record(method, old, step)` is
+    called after each of these, so that the cost of recording counts too. Raises `InputError`
+    for `Auto` with a solver that is made already.
+    """
     if isinstance(solver, SolverContext):
         if isinstance(steps, Auto):
             allowed = 'must be a name such as "auto" with Auto(), whose methods need one each'
@@ -66,7 +85,9 @@ def resolve(
         return steps, *steps.solver(system, solver)
     if not isinstance(steps, Auto):
         return steps, *solver_of(steps)
-    chosen, why = steps.choose(system, state, t_end, lambda each: solver_of(each)[0], record)
+    chosen, why = steps.choose(
+        system, state, t_end, lambda candidate: solver_of(candidate)[0], record
+    )
     context, reason = solver_of(chosen)
     return chosen, context, f"{reason}; {type(chosen.method).__name__} ({why})"
 
@@ -76,9 +97,11 @@ def choose_steps(
 ) -> protocol.StepChoice | Auto:
     """Decide which steps a run takes; a method that chooses its own is returned unchanged.
 
-    They have the size `dt`, or each its own of a list. Where that is None, an explicit method
-    goes near its stability limit (`StabilityLimited`) unless `tolerances` has `rtol` or `atol`.
-    With a mapping, even an empty one, any other method is controlled by its error (`Adaptive`).
+    The steps have the size `dt` [s], or the sizes of a list `dt`. Without dt, an explicit method
+    goes near its stability limit (`StabilityLimited`), unless `tolerances` has `rtol` or `atol`.
+    With `tolerances`, even an empty mapping, any other method is controlled by its error
+    (`Adaptive`). Raises `InputError` for a dt that makes no step, for a dt with a method that
+    chooses its own, and for none where neither rule applies.
     """
     protocol.check_method(method)
     if method.traits.chooses_dt:
@@ -97,6 +120,10 @@ def choose_steps(
 
 
 def method_to_report(steps: protocol.StepChoice | Auto):
-    # It is the method itself where steps are fixed, because dt is reported separately; else it
-    # is the choice of steps.
-    return steps.method if steps.dt else steps
+    """Return the method as reports name it: the choice of its steps, unless they are fixed.
+
+    Of fixed steps it is the method itself, because dt is reported separately.
+    """
+    if steps.dt:
+        return steps.method
+    return steps

@@ -15,26 +15,43 @@ from fecloth.terms.records import remembered
 def doubt_stability(least: float, zero: float) -> list[Doubt]:
     """Return a doubt if the least eigenvalue of K [N/m] is below round-off, in a list."""
     words = describe_instability(least, zero)
-    return [Doubt(DoubtKind.INSTABILITY, words)] if words else []
+    if words:
+        return [Doubt(DoubtKind.INSTABILITY, words)]
+    return []
 
 
 @remembered
 @dataclass(frozen=True)
 class RestStability(Account):
-    """The least eigenvalue of K on the free directions of an equilibrium."""
+    """The least eigenvalue of K on the free directions of an equilibrium.
+
+    Attributes
+    ----------
+    least
+        The eigenvalue [N/m]; NaN if it is not known.
+    zero
+        Size up to which it may be round-off [N/m].
+    is_reached
+        Whether the cloth has come to its equilibrium.
+    path
+        By `describe_path`.
+    """
 
     name = "stability"
-    least: float = math.nan  # [N/m]; NaN if it was not found
-    zero: float = 0.0  # size up to which it may be round-off [N/m]
-    is_reached: bool = False  # whether the cloth has come to its equilibrium
-    path: str = ""  # by `describe_path`
+    least: float = math.nan
+    zero: float = 0.0
+    is_reached: bool = False
+    path: str = ""
 
     @classmethod
     def of(cls, system: System, state: State, load_steps: int = 1) -> "RestStability":
-        """Find it; NaN for a cloth that is held whole, or a stiffness that is not finite."""
+        """Return the record of an equilibrium.
+
+        The eigenvalue is NaN for a cloth that is held whole, or a stiffness that is not finite.
+        """
         about = resist_disturbances(system, state, 1 / load_steps)
-        path = describe_path(system, load_steps)
-        return cls(*least_stiffness(about, state), is_reached=True, path=path)
+        least, zero = least_stiffness(about, state)
+        return cls(least, zero, is_reached=True, path=describe_path(system, load_steps))
 
     def finish(self, run: Run, end: End, others: Accounts) -> "RestStability":
         if end.is_whole:
@@ -47,14 +64,15 @@ class RestStability(Account):
         return self._stability()
 
     def _stability(self) -> str:
+        """Return whether the equilibrium is stable, in words."""
         if not self.is_reached:
             return "equilibrium: not reached"
         if math.isnan(self.least):
             return "equilibrium: not known whether it is stable"
         if abs(self.least) <= self.zero:
             return (
-                "equilibrium: the least eigenvalue of K is 0 within round-off; there is a motion "
-                "without stiffness"
+                "equilibrium: the least eigenvalue of K is 0 within round-off; there is a "
+                "motion without stiffness"
             )
         kind = "stable" if self.least > 0 else "unstable"
         return f"equilibrium: {kind}; the least eigenvalue of K is {self.least:.4g} N/m"
@@ -65,5 +83,6 @@ class RestStability(Account):
     def summary(self) -> dict[str, object]:
         """Return the stability in the place of the error in time."""
         entries: dict[str, object] = {"time_error": None, "time_error_in_words": self.words()}
-        least = None if math.isnan(self.least) else self.least
-        return entries | ({"least_eigenvalue": least} if self.is_reached else {})
+        if self.is_reached:
+            entries["least_eigenvalue"] = None if math.isnan(self.least) else self.least
+        return entries

@@ -13,14 +13,25 @@ LEAST_INERTIA = 1e-12
 
 
 def rms_without_rigid(w: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
-    """Return the rms of y (n, 3), with weights w (n,), less its nearest field c + ω × x (n, 3)."""
-    sums = _sums(w, x - mean(w, x), y - mean(w, y), np.zeros((3, 3, 3)))
-    inertia = sums[0].trace() * np.eye(3) - sums[0]
-    moment = np.array([sums[1, i - 2, i - 1] - sums[1, i - 1, i - 2] for i in range(3)])
-    values, axes = np.linalg.eigh(inertia)
-    turns = values > LEAST_INERTIA * values.sum()
-    turning = ((moment @ axes)[turns] ** 2 / values[turns]).sum()
-    return math.sqrt(max(sums[2].trace() - turning, 0.0) / w.sum())
+    """Return the root mean square of a field y without its rigid part.
+
+    The rigid part is the field c + ω × x nearest to y, by weighted least squares: c is the mean,
+    and ω solves I ω = L with the moments of inertia I and the moment of momentum L.
+
+    Parameters
+    ----------
+    w
+        (n,) weights of the nodes, such as their masses.
+    x, y
+        (n, 3) positions and the field.
+    """
+    xx, xy, yy = _sums(w, x - mean(w, x), y - mean(w, y), np.zeros((3, 3, 3)))
+    inertia = xx.trace() * np.eye(3) - xx
+    moment = np.array([xy[i - 2, i - 1] - xy[i - 1, i - 2] for i in range(3)])
+    inertias, axes = np.linalg.eigh(inertia)
+    turns = inertias > LEAST_INERTIA * inertias.sum()
+    turning = ((moment @ axes)[turns] ** 2 / inertias[turns]).sum()
+    return math.sqrt(max(yy.trace() - turning, 0.0) / w.sum())
 
 
 @kernel
@@ -36,8 +47,11 @@ def _sums(w, x, y, sums):
 
 
 def derivative(times: Sequence[float], values: Sequence[np.ndarray]) -> np.ndarray:
-    """Return d^p/dt^p (n, 3) of values at p + 1 times: p! times Newton's divided difference."""
-    # Its weights add up to 0: differences from the first keep the digits of a cloth far away.
+    """Return d^p/dt^p (n, 3) of values at p + 1 times: p! times Newton's divided difference.
+
+    Its weights add up to 0, so that it is taken of the differences from the first value: these
+    keep the digits of a cloth that is far from the origin.
+    """
     y = np.zeros_like(values[0])
     scale = math.factorial(len(times) - 1)
     for t, value in zip(times[1:], values[1:], strict=True):

@@ -67,7 +67,9 @@ STATIC: tuple[type[Account], ...] = (
 
 def list_accounts(is_static: bool) -> tuple[type[Account], ...]:
     """Return what a run accounts for beside the ledger, in time or to an equilibrium."""
-    return STATIC if is_static else IN_TIME
+    if is_static:
+        return STATIC
+    return IN_TIME
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +181,8 @@ class Result:
         steps = amount(self.steps, "step")
         t = self.times[-1]
         remarks = [name_time_error(self.time_error)]
-        remarks += [count_warnings(self.doubts)] if self.doubts else []
+        if self.doubts:
+            remarks.append(count_warnings(self.doubts))
         return f"<Result of {steps} of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
 
     def _repr_html_(self) -> str:
@@ -208,11 +211,12 @@ def run(
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
-    Arguments as for `march`; `report` is called after every step that has a row. A run of more
-    steps than `rows` has about that many rows, evenly spread, and rows that the error in time
-    needs, where its steps can be fused: `CentralDifference` at a fixed or stable dt, with
-    terms and pins that need no Python. The steps, and the sums in the ledger, are the same as
-    with single steps.
+    The other arguments are as for `march`.
+
+    A run has a row for each step. Where its steps can be fused, a run of more steps than `rows`
+    has about that many rows, evenly spread, and the rows that the error in time needs. This is
+    so for `CentralDifference` at a fixed or stable dt, with terms and pins that need no Python.
+    The steps, and the sums in the ledger, are the same as with single steps.
 
     The run also fails after two rows in a row that deform with more kinetic energy than
     `most_growth` times what the start, the loads and the pins can have supplied (see
@@ -239,7 +243,9 @@ def run(
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
     validation.whole("rows", rows, 1, "run")
     validation.function("report", report, "lambda info: print(info.t)", "run")
-    opening = replace(state, t=memory.start) if memory else state
+    opening = state
+    if memory:
+        opening = replace(state, t=memory.start)
     steps = choose_steps(method, dt)
     ends = steps.end_times(opening.t, t_end, stops)  # refuses wrong times
     end = float(ends[-1])
@@ -331,7 +337,8 @@ def collect(
             accounts = record.accounts
             step = record.info.step
             raised += accounts.new_doubts(raised)
-            rows += [] if record.info.is_part else [record.rows]
+            if not record.info.is_part:
+                rows.append(record.rows)
             seconds.update(record.info.counts.seconds)
             report(record.info)
     except StepFailed as failure:
@@ -343,8 +350,11 @@ def collect(
 
 
 def count_warnings(doubts: Sequence[Doubt]) -> str:
+    """Return the number of warnings in words, such as "no warnings" or "1 warning"."""
     number = len(doubts)
-    return f"{number or 'no'} warning{'' if number == 1 else 's'}"
+    if number == 1:
+        return "1 warning"
+    return f"{number or 'no'} warnings"
 
 
 def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, np.ndarray]:

@@ -34,23 +34,47 @@ Solver = tuple[SolverContext, str]  # and in words why it was chosen
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A system with its start and how it is solved; an equilibrium without `t_end`."""
+    """A system with its start and how it is solved; an equilibrium without `t_end`.
+
+    Attributes
+    ----------
+    system, start
+        What moves, and its state before the first step.
+    steps
+        The method and the choice of its steps; `choose` resolves `Auto`.
+    t_end
+        End of the run [s]; None: an equilibrium is sought.
+    newton
+        Options of the nonlinear solve; None for the defaults.
+    linear
+        The choice of the linear solver, as for `solver_for`.
+    probes
+        Probes, and names of columns on request, as for `Observer.bind`.
+    stops
+        Times at which a step must end [s].
+    shape
+        Whether stretches and volume are recorded; see `Observer`.
+    memory
+        As `march` takes it: with one it does not check the start.
+    probed_like
+        A setup whose bound probes serve here too, where cloth and probes are the same.
+    """
 
     system: System
     start: State
-    steps: Any = None  # the method and the choice of its steps; `choose` resolves `Auto`
+    steps: Any = None
     t_end: float | None = None
     newton: Newton | None = None
-    linear: str = "auto"  # the choice of the linear solver
+    linear: str = "auto"
     probes: tuple[Probe | str, ...] = ()
-    stops: tuple[float, ...] = ()  # times at which a step must end
-    shape: bool = False  # whether stretches and volume are recorded, see `Observer`
-    memory: Memory | None = None  # as `march` takes it: with one it does not check the start
-    # A setup whose bound probes serve here too, where cloth and probes are the same.
+    stops: tuple[float, ...] = ()
+    shape: bool = False
+    memory: Memory | None = None
     probed_like: "Setup | None" = None
 
     @property
     def cloth(self) -> Cloth:
+        """The mesh of the system."""
         return self.system.cloth
 
     @property
@@ -65,6 +89,7 @@ class Setup:
 
     @cached_property
     def observer(self) -> Observer:
+        """What records the probes from the start on."""
         known = self.probed_like
         if known and self._has_probes_of(known):
             return replace(known.observer, system=self.system, start=self.start)
@@ -76,11 +101,15 @@ class Setup:
 
     @cached_property
     def ledger(self) -> Ledger:
+        """The energy ledger at the start."""
         return Ledger.open(self.system, self.start)
 
     @cached_property
     def planned(self) -> PlannedRun:
-        end = self.start.t if self.t_end is None else self.t_end
+        """The run as the doubts look at it before its first step."""
+        end = self.t_end
+        if end is None:
+            end = self.start.t
         ends = np.append(self.stops, end)
         return PlannedRun(self.system, self.start, self.steps or LoadSteps(), ends)
 
@@ -106,15 +135,13 @@ class Setup:
     def disturbed(self, seed: int) -> Self:
         """Return the setup with its free nodes moved by smooth random waves, by up to 1e-3 L.
 
-        L is the extent of the cloth, and the way is upward along its mean normal, so that it
-        leads out of an obstacle below.
+        L is the extent of the cloth. The nodes move upward along its mean normal, so that they
+        do not enter an obstacle below. The same `seed` makes the same waves.
         """
         x = self.start.x
         cloth = self.cloth
         draw = np.random.default_rng(seed)
-        a, b, c = np.moveaxis(x[cloth.triangles[:, :3]], 1, 0)
-        normal = np.cross(b - a, c - a).sum(axis=0)
-        normal *= math.copysign(1.0, normal[2]) / max(float(np.linalg.norm(normal)), 1e-300)
+        normal = _mean_normal(x[cloth.triangles[:, :3]])
         waves = draw.normal(size=(WAVES, 2)) * 2 * math.pi / cloth.extent
         phases = cloth.X @ waves.T + draw.uniform(0, 2 * math.pi, WAVES)
         height = DISTURBANCE * cloth.extent * (1 + np.cos(phases).mean(axis=1)) / 2
@@ -122,7 +149,7 @@ class Setup:
         return replace(self, start=replace(self.start, x=x + moved))
 
     def recording(self, columns: Iterable[str]) -> Self:
-        """Return the setup that also has the shape, and those of the columns on request."""
+        """Return the setup that also records the shape, and what is on request of `columns`."""
         return replace(self, probes=(*self.probes, *on_request(columns)), shape=True)
 
     def probed_as(self, base: "Setup") -> Self:
@@ -154,7 +181,7 @@ class Setup:
         memory: Memory | None = None,
         wanted: Wanted | None = None,
     ) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
-        """March to the end from the start, or from a later state with the `Memory` of its step."""
+        """March to the end from the start, or from a later state with its `memory`."""
         return march(
             self.system,
             self.steps,
@@ -173,9 +200,16 @@ class Setup:
         rows: int | None = None,
         watch: Callable[[Iterable], Iterable] = iter,
     ) -> Result:
-        """March to the end; `watch` passes the steps on, `rows` are as for `fecloth.run`."""
+        """March to the end with the solver of `choose`, and return what was recorded.
+
+        `report` and `rows` are as for `fecloth.run`; with None each step has a row. `watch`
+        gets the steps and passes them on, so that a caller sees each of them.
+        """
         solver, why = chosen
         assert self.t_end is not None
+        next_row = None
+        if rows:
+            next_row = rows_at_least(rows, self.start.t, self.t_end)
         return collect(
             watch(self.march(solver)),
             self.system,
@@ -184,5 +218,13 @@ class Setup:
             self.observer,
             why,
             report=report,
-            next_row=rows_at_least(rows, self.start.t, self.t_end) if rows else None,
+            next_row=next_row,
         )
+
+
+def _mean_normal(corners: np.ndarray) -> np.ndarray:
+    """Return the mean normal (3,) of triangles with the corners (m, 3, 3), turned upward."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    normal = np.cross(b - a, c - a).sum(axis=0)
+    length = max(float(np.linalg.norm(normal)), 1e-300)
+    return normal * (math.copysign(1.0, normal[2]) / length)

@@ -26,13 +26,21 @@ NO_COMPRESSION = 1e-6  # over the fabric's stiffness; less compression is round-
 
 @dataclass(frozen=True)
 class Shape:
-    """The shape of a cloth at one time."""
+    """The shape of a cloth at one time.
 
-    # Principal stretches of all triangles [-].
+    Attributes
+    ----------
+    least_stretch, largest_stretch
+        Principal stretches of all triangles [-].
+    inverted
+        Number of triangles that are turned over against all their neighbours.
+    intersecting
+        Pairs of triangles that pass through each other; None if they were not counted.
+    """
+
     least_stretch: float
     largest_stretch: float
-    inverted: int  # triangles that are turned over against all their neighbours
-    # Pairs of triangles that pass through each other; None if it was not counted.
+    inverted: int
     intersecting: int | None
 
     @classmethod
@@ -45,50 +53,77 @@ class Shape:
 @remembered
 @dataclass(frozen=True)
 class Shapes(Account):
-    """The shape of the cloth at the frames so far; of a run without frames, at its end."""
+    """The shape of the cloth at the frames so far; of a run without frames, at its end.
+
+    Attributes
+    ----------
+    least_stretch, largest_stretch, inverted
+        Over all frames: principal stretches [-], and the number of triangles turned over.
+    intersecting
+        Over all frames: pairs of triangles that intersect; None if they were never counted.
+    step
+        Number of the step of the last frame.
+    pairs, intersection
+        At the last frame: pairs of triangles that intersect, None if they were not counted, and
+        the doubt about them.
+    wrinkles
+        The doubt about wrinkles at the end.
+    counted
+        Number of the step at which the pairs were counted last.
+    at_end
+        The shape at the end.
+    """
 
     name = "shape"
-    # Over all frames: principal stretches, triangles turned over, pairs of triangles that
-    # intersect (None if they were never counted).
     least_stretch: float = math.inf
     largest_stretch: float = -math.inf
     inverted: int = 0
     intersecting: int | None = None
-    # At the last frame: its step, the pairs (None if not counted), and the doubt about them.
     step: int | None = None
     pairs: int | None = None
     intersection: Doubt | None = None
-    wrinkles: Doubt | None = None  # at the end
-    counted: float = -math.inf  # step of the last count of pairs
+    wrinkles: Doubt | None = None
+    counted: float = -math.inf
     at_end: Shape | None = None
 
     def at_frame(
         self, run: Run, state: State, cells: Mapping[str, np.ndarray], step: int, counts: bool
     ) -> "tuple[Shapes, dict[str, float]]":
-        """Return the record after a frame with this cell data, and its row of strains.csv."""
-        # The pairs of triangles that intersect are counted if `counts`; otherwise they are NaN.
-        pairs = run.surface.count_intersections(state.x) if counts else None
-        inverted = run.surface.count_inverted(state.x)
-        compressed = compressed_share(run.system, cells)
+        """Return the record after a frame with this cell data, and its row of strains.csv.
+
+        The pairs of triangles that intersect are counted if `counts`; otherwise the row has NaN.
+        """
         row = stretch_row(state.t, cells["principal_stretches"])
+        inverted = run.surface.count_inverted(state.x)
+        pairs = None
+        counted = self.counted
+        if counts:
+            pairs = run.surface.count_intersections(state.x)
+            counted = step
+        intersecting = self.intersecting
+        if pairs is not None:
+            intersecting = max(intersecting or 0, pairs)
         after = self.changed(
             least_stretch=min(self.least_stretch, row["smallest"]),
             largest_stretch=max(self.largest_stretch, row["largest"]),
             inverted=max(self.inverted, inverted),
-            intersecting=self.intersecting if pairs is None else max(self.intersecting or 0, pairs),
+            intersecting=intersecting,
             step=step,
             pairs=pairs,
             intersection=doubt_intersections(state.t, pairs),
-            counted=step if counts else self.counted,
+            counted=counted,
         )
-        intersecting = math.nan if pairs is None else pairs
-        more = {"compressed": compressed, "inverted": inverted, "intersecting": intersecting}
-        return after, row | more
+        row["compressed"] = compressed_share(run.system, cells)
+        row["inverted"] = inverted
+        row["intersecting"] = math.nan if pairs is None else pairs
+        return after, row
 
     def finish(self, run: Run, end: End, others: Accounts) -> "Shapes":
-        mass = run.system.diagonal_mass
+        """Return the record at the end; of a run without frames, with the figures of its end."""
+        moved = rms(run.system.diagonal_mass, end.state.x - run.start.x)
         estimate = others.get(TimeError)
-        moved = max(rms(mass, end.state.x - run.start.x), estimate.moved if estimate else 0.0)
+        if estimate:
+            moved = max(moved, estimate.moved)
         wrinkles = find_wrinkles(run.system, end.state, moved)
         if self.step is not None:
             shape = Shape.of(run, end.state, self.pairs)
@@ -121,19 +156,26 @@ class Shapes(Account):
 
 
 def find_wrinkles(system: System, state: State, moved: float) -> Doubt | None:
-    """Return `doubt_wrinkles` of a state that `moved` [m, rms]; None without membrane stresses."""
+    """Return a doubt about wrinkles at a state that has `moved` so far [m, rms], or None.
+
+    There is none without membrane stresses. See `doubt_wrinkles`.
+    """
     membranes = [term for term in system.bound if term.has_stress]
-    stress = np.zeros((len(system.cloth.triangles), 4))
-    for term in membranes:
-        term.add_stress(state.x, stress)
+    cells: dict[str, np.ndarray] = {}
     if membranes:
-        cells = dict(zip(("S11", "S22", "S12"), stress.T, strict=False))
-    else:
-        cells = {}
+        stress = np.zeros((len(system.cloth.triangles), 4))
+        for term in membranes:
+            term.add_stress(state.x, stress)
+        S11, S22, S12, _ = stress.T
+        cells = {"S11": S11, "S22": S22, "S12": S12}
     angles = hinge_angles(system.cloth, state.x)
     rough = roughness(system.cloth, angles)
-    angle = rough * float(np.sqrt((angles**2).mean())) if len(angles) else 0.0
-    height = 0.5 * mean_edge(system) * angle / moved if moved else 0.0
+    angle = 0.0
+    if len(angles):
+        angle = rough * float(np.sqrt((angles**2).mean()))
+    height = 0.0
+    if moved:
+        height = 0.5 * mean_edge(system) * angle / moved
     return doubt_wrinkles(system, compressed_share(system, cells), rough, angle, height)
 
 
@@ -160,7 +202,9 @@ def compressed_share(system: System, cells: Mapping[str, np.ndarray]) -> float:
     """
     if "S11" not in cells:
         return 0.0
-    S11, S22, S12 = cells["S11"], cells["S22"], cells["S12"]
+    S11 = cells["S11"]
+    S22 = cells["S22"]
+    S12 = cells["S12"]
     area = system.cloth.weights.sum(axis=1)
     mean = (S11 + S22) / 2
     radius = np.hypot((S11 - S22) / 2, S12)
@@ -179,5 +223,6 @@ def stretch_row(t: float, stretches: np.ndarray) -> dict[str, float]:
     smaller, larger = np.asarray(stretches).T
     low = np.percentile(smaller, 1)
     high = np.percentile(larger, 99)
-    values = smaller.min(), low, np.median(larger), high, larger.max()
-    return {"t": float(t)} | {k: float(v) for k, v in zip(STRETCHES, values, strict=True)}
+    values = [smaller.min(), low, np.median(larger), high, larger.max()]
+    columns = zip(STRETCHES, values, strict=True)
+    return {"t": float(t)} | {column: float(value) for column, value in columns}

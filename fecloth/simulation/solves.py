@@ -13,12 +13,22 @@ from fecloth.terms.records import remembered
 @remembered
 @dataclass(frozen=True)
 class Solves(Account):
-    """The equation solves of all steps."""
+    """The equation solves of all steps.
+
+    Attributes
+    ----------
+    steps
+        Number of the steps.
+    sums
+        Sums over all steps of what their `Counts` say, by its name.
+    doubt
+        The doubt about the round-off of the iterations, at the end.
+    """
 
     name = "solves"
     steps: int = 0
     sums: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(SUMMED, 0))
-    doubt: Doubt | None = None  # at the end
+    doubt: Doubt | None = None
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Solves":
         counts = info.counts
@@ -27,10 +37,14 @@ class Solves(Account):
 
     def finish(self, run: Run, end: End, others: Accounts) -> "Solves":
         words = warn_of_round_off(int(self.sums["limited"]))
-        return self.changed(doubt=Doubt(DoubtKind.ROUND_OFF, words) if words else None)
+        if words:
+            return self.changed(doubt=Doubt(DoubtKind.ROUND_OFF, words))
+        return self
 
     def doubts(self) -> list[Doubt]:
-        return [self.doubt] if self.doubt else []
+        if self.doubt:
+            return [self.doubt]
+        return []
 
     def words(self) -> str:
         return describe_newton_error(

@@ -32,14 +32,29 @@ LARGEST_GROWTH = 1.05  # of a step: the cloth may become as stiff again
 @remembered
 @dataclass(frozen=True, eq=False)
 class LimitMemory:
-    """The memory of `StabilityLimited`."""
+    """The memory of `StabilityLimited`.
 
-    dt: float  # the step [s]
-    steps: int  # steps since the limit was computed
-    # Extreme principal stretches of all triangles so far.
+    Attributes
+    ----------
+    dt
+        The step [s].
+    steps
+        Steps since the limit was computed.
+    least, largest
+        Extreme principal stretches of all triangles so far.
+    method_memory
+        The memory of the method itself.
+    """
+
+    dt: float
+    steps: int
     least: float
     largest: float
-    method_memory: object = None  # the memory of the method itself
+    method_memory: object = None
+
+    def is_exceeded(self, least: float, largest: float) -> bool:
+        """Return whether the extreme principal stretches are now beyond the earlier ones."""
+        return largest > STRETCH_BEYOND * self.largest or least * STRETCH_BEYOND < self.least
 
 
 @dataclass(frozen=True)
@@ -61,18 +76,21 @@ class StabilityLimited(ChosenSteps):
 
     def __post_init__(self):
         method = self.method
-        if not (protocol.is_method(method) and method.traits.explicit and method.traits.stability):
+        has_limit = protocol.is_method(method) and method.traits.stability
+        if not (has_limit and method.traits.explicit):
             allowed = "has no stable step to choose"
             remedy = "Take CentralDifference or SymplecticEuler."
             raise InputError(f"method {brief(self.method)}", allowed, "StabilityLimited", remedy)
 
     @cached_property
     def traits(self) -> protocol.MethodTraits:
+        """The method's traits, with chosen steps, which stay below its stability limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def step(
         self, system: System, state: State, horizon: float, solver=None, memory=None, history=None
     ) -> Step:
+        """Take one step, at most as far as the horizon [s]."""
         now = system.with_history(history)
         limited = memory or self._start(now, state)
         if limited.steps % STEPS_BETWEEN_CHECKS == 0:
@@ -105,10 +123,11 @@ class StabilityLimited(ChosenSteps):
     def _update(self, system: System, state: State, last: LimitMemory) -> LimitMemory:
         """Return the memory, with a new limit if the last one may no longer be valid."""
         least, largest = extreme_stretches(system.cloth, state.x)
-        beyond = largest > STRETCH_BEYOND * last.largest or least * STRETCH_BEYOND < last.least
-        if not beyond and last.steps < UPDATE_STEPS:
+        is_exceeded = last.is_exceeded(least, largest)
+        if not is_exceeded and last.steps < UPDATE_STEPS:
             return last
-        dt = min(self._limit(system, state), last.dt if beyond else LARGEST_GROWTH * last.dt)
+        growth = 1.0 if is_exceeded else LARGEST_GROWTH
+        dt = min(self._limit(system, state), growth * last.dt)
         return LimitMemory(
             dt,
             steps=0,
@@ -126,7 +145,10 @@ def remedy_for_growth(steps: object) -> str:
 
 
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:
-    """Raise `InputError` for a step beyond the limit at the start; `insist` says how to take it."""
+    """Raise `InputError` for a dt [s] beyond the stability limit at the start.
+
+    `insist` says in the message how to take such a step all the same.
+    """
     traits = method.traits
     if traits.beyond_limit:
         return

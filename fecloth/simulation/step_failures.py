@@ -39,7 +39,8 @@ def explain(failure: StepFailed, system: System, method: StepChoice) -> StepFail
             remedy = ELSEWHERE
             unit = " s"
     start = replace(failure.state, t=failure.t - failure.dt * min(STEPS_BACK, failure.step - 1))
-    if jumps := find_jumping_motions(system, start, failure.t + failure.dt):
+    jumps = find_jumping_motions(system, start, failure.t + failure.dt)
+    if jumps:
         largest = max(jumps, key=lambda jump: jump.size)
         words = str(largest.doubt)
         remedy = f"{words[0].upper()}{words[1:]}."

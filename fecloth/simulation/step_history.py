@@ -27,18 +27,28 @@ class StepHistory:
 
     as a mass-weighted root mean square over the nodes without its rigid part. The derivative
     is a divided difference of the last q + 1 accelerations of the free directions.
+
+    Attributes
+    ----------
+    times
+        The middle of each of these steps [s].
+    accelerations
+        Their mean accelerations, (n, 3) each [m/s²].
     """
 
-    times: tuple[float, ...] = ()  # of the middle of these steps [s]
-    accelerations: tuple[np.ndarray, ...] = ()  # (n, 3) each [m/s²]
+    times: tuple[float, ...] = ()
+    accelerations: tuple[np.ndarray, ...] = ()
 
     def after(self, system: System, traits: MethodTraits, old: State, new: State) -> "StepHistory":
-        if (drift := drift_of(traits)) is None:
+        """Return the history after a step between two states."""
+        drift = drift_of(traits)
+        if drift is None:
             return self
-        keep = drift[0] + 1
+        q, _ = drift
+        times = (*self.times, 0.5 * (old.t + new.t))
         a = system.constraints.project((new.v - old.v) / (new.t - old.t))
-        times = (*self.times, 0.5 * (old.t + new.t))[-keep:]
-        return StepHistory(times, (*self.accelerations, a)[-keep:])
+        accelerations = (*self.accelerations, a)
+        return StepHistory(times[-(q + 1) :], accelerations[-(q + 1) :])
 
     def error(self, system: System, traits: MethodTraits, state: State) -> StepError | None:
         """Return the error in time of the next step; None in the first steps, or without κ."""
@@ -58,5 +68,7 @@ class StepHistory:
 
 
 def needs_history(solver: SolverContext | None) -> bool:
-    """Return whether the steps with this solver end Newton's iteration by their error in time."""
-    return solver is not None and solver.linear is not None and solver.options.tolerance == "auto"
+    """Return whether steps with this solver end Newton's iteration by their error in time."""
+    if solver is None or solver.linear is None:
+        return False
+    return solver.options.tolerance == "auto"

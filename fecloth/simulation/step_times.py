@@ -18,12 +18,16 @@ from fecloth.system.system import System
 MOST_STEPS = 10**8  # whose end times alone take 0.8 GB
 # Rounding of the time over a step: a coarser clock changes the velocity visibly.
 COARSEST_CLOCK = 1e-3
-SAME_TIME = 1e-9  # of a step: times that are not farther apart are the same
+# Over a step: times, or sizes of steps, that differ by less are the same: the clock's round-off.
+SAME_TIME = 1e-9
 EARLIER = "Start earlier, as at t_start = 0, or take a larger dt."
 
 
 def end_times(t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
-    """Return the stops after t and before t_end, in order, and t_end."""
+    """Return the stops after t and before t_end, in order, and t_end [s].
+
+    Raises `InputError` for a t_end that is no time after t, and for stops outside the run.
+    """
     if t_end is None:
         remedy = "The shape at rest, without time, is fc.equilibrium(system, state)."
         raise InputError("t_end is missing", "must be the end of the run [s]", "march", remedy)
@@ -44,7 +48,11 @@ def end_times(t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.
 
 
 def step_times(t: float, dt: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
-    """Return the end time of every step, t + i dt without accumulated round-off."""
+    """Return the end time of every step [s], t + i dt without accumulated round-off.
+
+    Raises `InputError` for times as `end_times`, for more than `MOST_STEPS` steps, and for a dt
+    that the floating-point time does not resolve.
+    """
     if problem := coarse_clock(max(abs(t), abs(t_end or 0.0)), dt):
         raise InputError(f"dt = {dt:g} s", problem, "march", EARLIER)
     pieces = []
@@ -59,23 +67,31 @@ def step_times(t: float, dt: float, t_end: float | None, stops: Sequence[float] 
 
 
 def count_steps(span: float, dt: float) -> int:
-    """Return how many steps of at most dt make a span [s]; what is left by round-off is no step."""
+    """Return how many steps of at most dt make a span [s]; a rest by round-off is no step."""
     return max(1, math.ceil(span / dt - SAME_TIME))
 
 
 def fit_step(dt: float, horizon: float) -> float:
     """Return dt [s], or the horizon or half of it if two such steps reach the end."""
     steps = count_steps(horizon, dt)
-    return horizon / steps if steps <= 2 else dt
+    if steps <= 2:
+        return horizon / steps
+    return dt
 
 
 def given_times(
     t: float, sizes: Sequence[float], t_end: float | None, stops: Sequence[float] = ()
 ) -> np.ndarray:
-    """Return the end time of every step of these sizes; by default the last one is `t_end`."""
+    """Return the end time of every step of these sizes [s]; by default the last one is `t_end`.
+
+    Raises `InputError` for a `t_end` or stops that are no ends of steps, and for sizes that the
+    floating-point time does not resolve.
+    """
     if problem := coarse_clock(max(abs(t), abs(t + sum(sizes))), min(sizes)):
         raise InputError(f"dt = {min(sizes):g} s", problem, "march", EARLIER)
-    last = float(np.add.accumulate([t, *sizes])[-1]) if t_end is None else t_end
+    last = t_end
+    if last is None:
+        last = float(np.add.accumulate([t, *sizes])[-1])
     targets = end_times(t, last, stops)
     ends = []
     for size in sizes:
@@ -105,7 +121,7 @@ def coarse_clock(t: float, dt: float) -> str:
 
 
 class ChosenSteps:
-    """Base of choices of steps, by default of no fixed size: `integrators.protocol.StepChoice`."""
+    """Base of choices of steps, by default of no fixed size; see `protocol.StepChoice`."""
 
     method: Any
     dt: None = None
@@ -116,21 +132,25 @@ class ChosenSteps:
         return replace(self.method.traits, chooses_dt=True)
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
+        """Return the times at which a step must end [s]."""
         return end_times(t, t_end, stops)
 
     def check(self, system: System) -> None:
+        """Raise `InputError` for a system that an explicit method cannot move."""
         method = method_of(self)
         if method.traits.explicit and not chooses_method(self):  # Auto has no method yet
             method.check(system)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
+        """Return the energy that the method dissipates in a step [J]."""
         return self.method.numerical(system, old, step)
 
     def check_start(self, system: System, state: State, insist: str = "") -> None:
         """Nothing to refuse: the steps are chosen so that the method can take them."""
 
 
-def targets_after(targets, t):
+def targets_after(targets: np.ndarray, t: float) -> np.ndarray:
+    """Return the targets after t [s]; `InputError` if there are none."""
     if not targets[-1] > t:
         raise InputError(f"t_end = {targets[-1]}", f"must be > {t} [s]", "march")
     return targets[targets > t]

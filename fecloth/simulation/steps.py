@@ -106,7 +106,9 @@ class StepInfo:
     @property
     def number(self) -> int:
         """Number of the steps since the step that was yielded before."""
-        return 1 + (self.skipped.number if self.skipped else 0)
+        if self.skipped:
+            return 1 + self.skipped.number
+        return 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,12 +147,23 @@ class Plan:
 
     @property
     def t_end(self) -> float:
+        """The end of the march [s]."""
         return float(self.targets[-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """What a step begins from: the state, the memory, and the last state that was checked."""
+    """What a step begins from.
+
+    Attributes
+    ----------
+    state
+        The state before the step.
+    memory
+        What the steps before it have left.
+    checked
+        The last state whose stretches were looked at: a failed step reports it.
+    """
 
     state: State
     memory: Memory
@@ -182,13 +195,11 @@ def take(plan: Plan, place: Place, known: Step | None = None) -> tuple[Place, St
     if number == plan.first:
         protocol.check_step(result, protocol.method_of(plan.method))
     new = _end_at_target(result.state, target, horizon)
-    is_last = new.t == plan.t_end
     is_due = number % plan.check_every == 0
-    dt = new.t - old.t
-    if new.t < target and (words := coarse_clock(new.t, dt)):
-        raise step_failed(plan.system, place.checked, number, dt, Problem(words, remedy=EARLIER))
-    if problem := find_problem(plan, new, is_due or is_last):
-        raise step_failed(plan.system, place.checked, number, dt, problem)
+    check_stretch = is_due or new.t == plan.t_end
+    problem = _find_coarse_clock(old.t, new.t, target) or find_problem(plan, new, check_stretch)
+    if problem:
+        raise step_failed(plan.system, place.checked, number, new.t - old.t, problem)
     history = before.history
     if needs_history(plan.solver):
         history = history.after(plan.system, plan.method.traits, old, new)
@@ -197,7 +208,8 @@ def take(plan: Plan, place: Place, known: Step | None = None) -> tuple[Place, St
         result = replace(result, state=new)
     is_part = plan.method.dt is not None and new.t < target
     info = StepInfo(number, old, result, memory, is_part)
-    return Place(new, memory, new if is_due else place.checked), info
+    checked = new if is_due else place.checked
+    return Place(new, memory, checked), info
 
 
 def _solve(plan: Plan, place: Place, horizon: float) -> Step:
@@ -237,14 +249,28 @@ class Problem:
     remedy: str = SMALLER
 
 
+def _find_coarse_clock(t: float, end: float, target: float) -> Problem | None:
+    """Return why a step from t to `end` [s] cannot be trusted: the time t is too coarse for it.
+
+    A step that ends at the target is as long as it was meant to be.
+    """
+    words = coarse_clock(end, end - t) if end < target else ""
+    if words:
+        return Problem(words, remedy=EARLIER)
+    return None
+
+
 def find_problem(plan: Plan, state: State, check_stretch: bool) -> Problem | None:
     """Return why a state cannot be trusted: a value that is not finite, or a huge stretch."""
     if not (np.isfinite(state.x).all() and np.isfinite(state.v).all()):
         return Problem("a position or velocity is not finite")
-    stretch = largest_stretch(plan.system.cloth, state.x) if check_stretch else 0.0
+    if not check_stretch:
+        return None
+    stretch = largest_stretch(plan.system.cloth, state.x)
     if stretch <= plan.most_stretch:
         return None
-    return Problem(f"a triangle is stretched to {stretch:.3g} times, beyond {plan.most_stretch:g}")
+    beyond = f"beyond {plan.most_stretch:g}"
+    return Problem(f"a triangle is stretched to {stretch:.3g} times, {beyond}")
 
 
 def step_failed(system: System, state: State, number: int, dt: float, cause: Any) -> StepFailed:

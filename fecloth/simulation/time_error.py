@@ -10,14 +10,19 @@ from fecloth.integrators.protocol import MethodTraits, drift_of
 from fecloth.linalg.reductions import rms
 from fecloth.simulation.account import NEVER, Account, Accounts, End, Run
 from fecloth.simulation.contact import Contact
-from fecloth.simulation.deformation import Deformation
+from fecloth.simulation.deformation import MOTION_AT_REST, Deformation
 from fecloth.simulation.doubts.jumps import Jump, find_jumping_motions, find_jumps
 from fecloth.simulation.doubts.planned_run import attempt
+from fecloth.simulation.doubts.signals import ROUND_OFF_OF_SIGNAL
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_transport import Error, Transport
 from fecloth.simulation.rigid_motion import derivative, rms_without_rigid
 from fecloth.simulation.steps import StepInfo
-from fecloth.simulation.time_error_words import LARGEST_ACCEPTED, LEAST_STATED, describe_time_error
+from fecloth.simulation.time_error_words import (
+    LARGEST_ACCEPTED,
+    LEAST_STATED,
+    describe_time_error,
+)
 from fecloth.simulation.within_step import acceleration
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -26,16 +31,14 @@ from fecloth.terms.records import remembered
 from fecloth.terms.traits import has_kind
 
 MEAN = math.pi / 2  # peak of |sin| over its mean
-LEAST_MOVED = 1e-6  # over the extent of the cloth: a cloth that has moved by less is at rest
 # Of a gap: so much a barrier gives way under the weight, and no place is sharper.
 GAP_GIVEN_WAY = 0.1
 SAMPLES_OF_LOADS = 33  # between two samples of the motion, at loads that may jump
-LEAST_LOAD_JUMP = 1e-9  # over the largest value of a load; less is round-off
 LARGEST_GAIN = 4.0  # what is carried over the sum of errors; above, small errors have grown
 LARGEST_LOSS = 6.0  # the sum over what is carried; above, the field has missed what happened
 GROWS = (
-    "small errors have grown, as where a cloth buckles, flutters or is hit, and nothing tells how "
-    "far: see whether a run with half the dt ends the same"
+    "small errors have grown, as where a cloth buckles, flutters or is hit, and nothing tells "
+    "how far: see whether a run with half the dt ends the same"
 )
 JUMPS = "a pin or an obstacle jumps, and what follows depends on dt"
 BOUNCES = "the cloth bounces in less than a few steps, and what follows depends on dt"
@@ -47,16 +50,32 @@ LOOK_AGAIN = 0.15  # of the time so far between two looks at the displacement
 @remembered
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A state, and its energies [J]: see `Deformation` and `Ledger`."""
+    """A state, and its energies [J]: see `Deformation` and `Ledger`.
+
+    Attributes
+    ----------
+    t, x, v
+        Time [s], positions and velocities (n, 3).
+    step
+        Number of the step after which it was taken.
+    deforming
+        Kinetic energy of the deformation.
+    inside
+        Energy dissipated by damping that a rigid motion does not feel.
+    kinetic
+        The whole kinetic energy.
+    outside
+        Energy taken by the other damping, less what it supplies: a wind that drives the cloth
+        forgets no errors.
+    """
 
     t: float
     step: int
     x: np.ndarray
     v: np.ndarray
-    deforming: float  # kinetic energy of the deformation
-    inside: float  # dissipated by damping that a rigid motion does not feel
-    kinetic: float  # the whole kinetic energy
-    # Taken by the other damping, less what it supplies: a wind that drives it forgets no errors.
+    deforming: float
+    inside: float
+    kinetic: float
     outside: float
 
 
@@ -93,36 +112,63 @@ class TimeError(Account):
     present, so that a short motion after a long rest is not passed over.) The largest e so far
     over the largest displacement, rigid motion included, is the relative error; the largest e of
     the deformation [m] is the same for every observer.
+
+    Attributes
+    ----------
+    opening
+        (n, 3) positions before the first step.
+    start
+        The sample before the first step.
+    recent
+        The last p + 1 samples.
+    lag
+        κ ∫ dt^q dt up to the last of them [s^p].
+    inner, rigid
+        e of the deformation and of the rigid motion there [m].
+    deforming, largest
+        The largest e of the deformation so far, and of both together [m].
+    kick, kicked
+        What jumps of loads have given too much or too little: rms velocity [m/s], and since
+        when [s].
+    error, carried
+        By `Transport`: the error of the drift and of the jumps, and its largest rms of x [m].
+    fastest
+        Largest kinetic energy of the samples [J].
+    moved, looked
+        Largest rms displacement [m], and the time of the last look at it [s].
+    due
+        Number of the step of the next sample.
+    relative
+        At the end: the error over the largest displacement, NaN without an estimate.
+    sentence
+        The same in words.
+    unknown
+        Why there is no estimate, or "".
+    jumps
+        Jumps of motions.
     """
 
     name = "time_error"
-    opening: np.ndarray  # (n, 3) positions before the first step
-    start: Sample  # that before the first step
-    recent: tuple[Sample, ...]  # the last p + 1 samples
-    lag: float = 0.0  # κ ∫ dt^q dt up to the last of them [s^p]
-    # e of the deformation and of the rigid motion there, the largest of the deformation, and the
-    # largest of both together [m].
+    opening: np.ndarray
+    start: Sample
+    recent: tuple[Sample, ...]
+    lag: float = 0.0
     inner: float = 0.0
     rigid: float = 0.0
     deforming: float = 0.0
     largest: float = 0.0
-    # What jumps of loads have given too much or too little: rms velocity [m/s], and since when
-    # [s].
     kick: float = 0.0
     kicked: float = math.inf
-    # By `Transport`: the error of the drift and of the jumps, and its largest rms of x [m].
     error: Error | None = None
     carried: float = 0.0
-    fastest: float = 0.0  # largest kinetic energy of the samples [J]
-    # Largest rms displacement [m], and the time of the last look at it [s].
+    fastest: float = 0.0
     moved: float = 0.0
     looked: float = 0.0
-    due: int = 0  # the step of the next sample
-    # At the end: the error over the largest displacement, NaN without an estimate; in words.
+    due: int = 0
     relative: float = math.nan
     sentence: str = ""
-    unknown: str = ""  # why there is no estimate
-    jumps: tuple[Jump, ...] = ()  # of motions
+    unknown: str = ""
+    jumps: tuple[Jump, ...] = ()
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "TimeError":
@@ -136,6 +182,7 @@ class TimeError(Account):
         return self._after(run, info.result.state, info.step, others)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "TimeError":
+        """Return the record with the relative error, or with why there is none."""
         after = self
         system = run.system
         t = end.state.t
@@ -149,15 +196,15 @@ class TimeError(Account):
         after = after.changed(unknown=unknown)
         error = after.relative_error(system, run.method.traits, t)
         latest = after.recent[-1]
+        dt = math.nan
         if latest.step > self.start.step:
             dt = _mean_step(self.start, latest)
-        else:
-            dt = math.nan
         is_cause = after.kick_length(system, t) > after.largest
         sentence = describe_time_error(error, run.method, dt, after.kicked, is_cause, unknown)
         return after.changed(relative=error, sentence=sentence)
 
     def _after(self, run: Run, state: State, step: int, others: Accounts) -> "TimeError":
+        """Return the estimate with a sample of the state after a step."""
         sample = _sample(run.system, state, step, others)
         kicked = self._kicked(run, state, sample)
         return kicked.sampled(run.system, run.method.traits, state, sample)
@@ -165,80 +212,91 @@ class TimeError(Account):
     @property
     def is_large(self) -> bool:
         """Whether the error, or what is known of one that cannot be stated, is above 10 %."""
-        known = max(self.largest, self.carried)
-        return self.relative > LARGEST_ACCEPTED or bool(
-            self.unknown and known > LARGEST_ACCEPTED * self.moved
-        )
+        if self.unknown:
+            known = max(self.largest, self.carried)
+            return self.relative > LARGEST_ACCEPTED or known > LARGEST_ACCEPTED * self.moved
+        return self.relative > LARGEST_ACCEPTED
 
     def summary(self) -> dict[str, object]:
-        error = None if math.isnan(self.relative) else self.relative
-        deformation = None if math.isnan(self.relative) else self.deforming
+        is_known = not math.isnan(self.relative)
         return {
-            "time_error": error,
-            "deformation_error": deformation,
+            "time_error": self.relative if is_known else None,
+            "deformation_error": self.deforming if is_known else None,
             "time_error_in_words": self.sentence,
         }
 
     def sampled(
         self, system: System, traits: MethodTraits, state: State, sample: Sample
     ) -> "TimeError":
-        if (drift := drift_of(traits)) is None:
+        """Return the estimate with one more sample, and the step of the next one."""
+        drift = drift_of(traits)
+        if drift is None:
             return self.changed(due=NEVER)
         q, constant = drift
         recent = (*self.recent, sample)[-(q + 2) :]
-        grown = self
         old, new = recent[-2:]
         dt = _mean_step(old, new)
         lag = constant * dt**q * (new.t - old.t)
         total = self.lag + lag
-        if len(recent) == q + 2:  # the first derivative stands for all time before
-            is_first = len(self.recent) < q + 2
-            begin, over = (self.start, total) if is_first else (old, lag)
-            grown = self._summed(system, state, recent, over)
+        after = self
+        if len(recent) == q + 2:
+            begin = old
+            added = lag
+            if len(self.recent) < q + 2:  # the first derivative stands for all time before
+                begin = self.start
+                added = total
+            after = after._summed(system, state, recent, added)
             if not traits.explicit and system.is_whole and not system.dense(state):
-                grown = grown._moved_on(system, state, recent, begin, over)
-        after = grown.changed(
+                after = after._moved_on(system, state, recent, begin, added)
+        steps_to_next = math.ceil(self._apart(q, constant, dt, new.t) / dt - 1e-6)
+        after = after.changed(
             recent=recent,
             lag=total,
             fastest=max(self.fastest, sample.kinetic),
-            due=sample.step + math.ceil(self._apart(q, constant, dt, new.t) / dt - 1e-6),
+            due=sample.step + steps_to_next,
         )
         next_look = self.looked + LOOK_AGAIN * (self.looked - self.start.t)
         if new.t < next_look:
             return after
         return after._looked(system.diagonal_mass, state)
 
-    def _summed(self, system: System, state: State, recent, over: float) -> "TimeError":
-        """Return the estimate with what κ ∫ dt^q dt = `over` adds to e, and what e forgets."""
+    def _summed(self, system: System, state: State, recent, lag: float) -> "TimeError":
+        """Return the estimate with what a `lag` κ ∫ dt^q dt adds to e, and what e forgets."""
         old, new = recent[-2:]
         mass = system.diagonal_mass
-        over = MEAN * over
-        times, places = zip(*((sample.t, sample.x) for sample in recent), strict=True)
+        times = [sample.t for sample in recent]
+        places = [sample.x for sample in recent]
         y = _seen_from_pins(system, derivative(times, places))
         rate = rms_without_rigid(mass, state.x, y)
-        turning = math.sqrt(max(0.0, rms(mass, y) ** 2 - rate**2))
+        rate_of_rigid = math.sqrt(max(0.0, rms(mass, y) ** 2 - rate**2))
         outer = _decay(new.outside - old.outside, old.kinetic + new.kinetic)
         decay = outer + _decay(new.inside - old.inside, old.deforming + new.deforming)
-        inner = _add_forgetting(self.inner, rate * over, decay)
-        rigid = _add_forgetting(self.rigid, turning * over, outer)
+        inner = _add_forgetting(self.inner, rate * (MEAN * lag), decay)
+        rigid = _add_forgetting(self.rigid, rate_of_rigid * (MEAN * lag), outer)
         deforming = max(self.deforming, inner)
         largest = max(self.largest, math.hypot(inner, rigid))
         return self.changed(inner=inner, rigid=rigid, deforming=deforming, largest=largest)
 
-    def _moved_on(self, system: System, state: State, recent, begin, over: float) -> "TimeError":
-        """Return the estimate with the error moved on since the sample `begin` by `Transport`."""
+    def _moved_on(self, system: System, state: State, recent, begin, lag: float) -> "TimeError":
+        """Return the estimate with the error moved on by `Transport` since the sample `begin`.
+
+        On this way the method adds the error of a `lag` κ ∫ dt^q dt, evenly: s [m/s] to the
+        error of x, and r [m/s²] to the error of v, in each second.
+        """
         if self.unknown:
             return self
         seconds = state.t - begin.t
-        parts = 1 if begin is recent[-2] else len(recent) - 1
+        parts = len(recent) - 1
+        if begin is recent[-2]:
+            parts = 1
         times = [sample.t for sample in recent]
-        s = over / seconds * derivative(times, [sample.x for sample in recent])
-        r = over / seconds * derivative(times, [sample.v for sample in recent])
+        s = lag / seconds * derivative(times, [sample.x for sample in recent])
+        r = lag / seconds * derivative(times, [sample.v for sample in recent])
         error = self.error or Error.none(s)
         try:
-            step = Transport.at(system, state, seconds / parts)
+            transport = Transport.at(system, state, seconds / parts)
             for _ in range(parts):
-                error = step.carry(error, s, r)
+                error = transport.carry(error, s, r)
         except SolveFailed:
             return self.changed(unknown=GROWS)
         carried = max(self.carried, rms(system.diagonal_mass, error.x))
@@ -254,17 +312,19 @@ class TimeError(Account):
         if (drift := drift_of(traits)) is None or self.unknown:
             return math.nan
         gaps = (term.gap for term in system.bound if isinstance(term, BoundContact))
-        still = max(LEAST_MOVED * system.cloth.extent, GAP_GIVEN_WAY * min(gaps, default=0.0))
+        still = max(MOTION_AT_REST * system.cloth.extent, GAP_GIVEN_WAY * min(gaps, default=0.0))
         if len(self.recent) < drift[0] + 2 or self.moved <= still:
             return math.nan
         length = self._sum(system, t)
         if traits.order < drift[0] and traits.error_constant is not None:
             dt = _mean_step(self.start, self.recent[-1])
             length += traits.error_constant * dt * self._speed(system)
-        carried = self.carried if self.carried > length / LARGEST_LOSS else length
-        return math.sqrt(length * carried) / self.moved
+        if self.carried > length / LARGEST_LOSS:
+            length = math.sqrt(length * self.carried)
+        return length / self.moved
 
     def _sum(self, system: System, t: float) -> float:
+        """Return the largest e up to t, with what jumps of loads have added [m]."""
         return math.hypot(self.largest, self.kick_length(system, t))
 
     def _speed(self, system: System) -> float:
@@ -320,8 +380,9 @@ class TimeError(Account):
             return self
         error = self.error or Error.none(state.x)
         kick = self.kick
-        is_first = len(self.recent) < drift_of(run.method.traits)[0] + 2
-        begin = self.start.t if is_first else last.t  # from where `_moved_on` moves the error
+        begin = last.t  # from where `_moved_on` moves the error
+        if len(self.recent) < drift_of(run.method.traits)[0] + 2:
+            begin = self.start.t
         for t, change in jumps:
             kick = math.hypot(kick, 0.25 * dt * rms(run.system.diagonal_mass, change))
             more = _as_random(error.v, 0.25 * dt * change)
@@ -338,22 +399,19 @@ class TimeError(Account):
 
 
 def _jumps_of_loads(run: Run, state: State, begin: float, end: float):
-    """Return the times of jumps of loads [s], and the jumps of the acceleration (n, 3) [m/s²]."""
+    """Return the time of each jump of loads [s], and that of the acceleration (n, 3) [m/s²]."""
     times = np.linspace(begin, end, SAMPLES_OF_LOADS)
     jumps = set()
     for load in run.loads:
         g = np.asarray(load.values(times), float).reshape(SAMPLES_OF_LOADS, -1)
-        jumps |= {
-            t for t, _ in find_jumps(times, g, load.values, LEAST_LOAD_JUMP * np.abs(g).max())
-        }
+        least = ROUND_OFF_OF_SIGNAL * np.abs(g).max()
+        jumps |= {t for t, _ in find_jumps(times, g, load.values, least)}
     near = 1e-9 * (end - begin)
     sizes = []
     for t in sorted(jumps):
-        a, b = (
-            acceleration(run.system, replace(state, t=max(begin, t + side)))
-            for side in (-near, near)
-        )
-        sizes.append((t, b - a))
+        before = acceleration(run.system, replace(state, t=max(begin, t - near)))
+        after = acceleration(run.system, replace(state, t=max(begin, t + near)))
+        sizes.append((t, after - before))
     return sizes
 
 
@@ -364,6 +422,7 @@ def _as_random(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _sample(system: System, state: State, step: int, others: Accounts) -> Sample:
+    """Return the sample of a state after the step of this number."""
     ledger = others[Ledger]
     deforming = others[Deformation].kinetic
     supplied = sum(ledger.work.get(name, 0.0) for name in ledger.resisting)
@@ -387,18 +446,25 @@ def _seen_from_pins(system: System, x: np.ndarray) -> np.ndarray:
     return x
 
 
-def _mean_step(a, b):
+def _mean_step(a: Sample, b: Sample) -> float:
+    """Return the mean size of the steps between two samples [s]."""
     return (b.t - a.t) / (b.step - a.step)
 
 
 def _add_forgetting(length: float, added: float, decay: float) -> float:
-    """Return e after it has decayed by e^(−decay), as what is added does from when it comes."""
-    share = -math.expm1(-decay) / decay if decay > 1e-9 else 1.0
-    return length * math.exp(-decay) + added * share
+    """Return e [m] after a time in which it decays by e^(−decay), with errors added evenly."""
+    share_that_stays = 1.0
+    if decay > 1e-9:
+        share_that_stays = -math.expm1(-decay) / decay
+    return length * math.exp(-decay) + added * share_that_stays
 
 
 def _decay(lost: float, moving: float) -> float:
-    """Return γ (t_b − t_a) from the energy lost in between and the sum of the kinetic energies."""
+    """Return γ times the time between two samples, from the energy lost between them [J].
+
+    It is that energy over 4 times the mean kinetic energy. `moving` is the sum of the kinetic
+    energies of both samples [J].
+    """
     if lost > 0:
         return lost / max(2 * moving, 1e-3 * lost)
     return 0.0

@@ -12,16 +12,31 @@ LEAST_STATED = 1e-5  # a smaller error is reported as below it
 
 
 def describe_time_error(
-    error: float,  # by `TimeError`; NaN for no estimate
-    method,  # the method or the choice of its steps
-    dt: float,  # the mean size of the steps [s]
-    # Time at which a load first jumps [s]. The jump may fall inside any other step: none
-    # longer is proposed, and a shorter one as for an error of order 1.
+    error: float,
+    method,
+    dt: float,
     jump: float = math.inf,
-    is_cause: bool = False,  # whether most of the error comes from jumps
-    unknown: str = "",  # why there is no estimate
+    is_cause: bool = False,
+    unknown: str = "",
 ) -> str:
-    """Return a sentence about the relative error in time of a run."""
+    """Return a sentence about the relative error in time of a run.
+
+    Parameters
+    ----------
+    error
+        The error by `TimeError`; NaN for no estimate.
+    method
+        The method, or the choice of its steps.
+    dt
+        The mean size of the steps [s].
+    jump
+        Time at which a load first jumps [s]. The jump may fall inside any other step: none
+        longer is proposed, and a shorter one as for an error of order 1.
+    is_cause
+        Whether most of the error comes from jumps.
+    unknown
+        Why there is no estimate, or "".
+    """
     if unknown:
         return f"error in time: not known, because {unknown}"
     if math.isnan(error):
@@ -29,10 +44,9 @@ def describe_time_error(
     if error >= LARGEST_STATED:
         finer = "rtol" if isinstance(method, Adaptive) else "dt"
         return f"{name_time_error(error)}; take a smaller {finer}"
+    cause = ""
     if is_cause:
         cause = f", as a load jumps at t = {jump:.6g} s, which no step meets"
-    else:
-        cause = ""
     if error < LEAST_STATED or (jump < math.inf and error < PROPOSED_ERROR):
         return name_time_error(error) + cause
     order = 1 if jump < math.inf else method.traits.order
@@ -52,20 +66,18 @@ def name_time_error(error: float) -> str:
 
 def _proposal(error: float, method, dt: float, order: int) -> str:
     """Return which step gives 1 %, or "" where that is far away or beyond a stability limit."""
-    if isinstance(method, Adaptive):  # its error is proportional to the tolerance
-        name = "rtol"
-        value = method.rtol
-        unit = ""
-        factor = PROPOSED_ERROR / error
-        if not method.rtol:
-            name = "atol"
-            value = method.atol
-            unit = " m/s"
-    else:
-        name = "dt"
-        value = dt
-        unit = " s"
-        factor = (PROPOSED_ERROR / error) ** (1 / order)
-    if factor > (1.0 if method.traits.explicit else LONGEST_PROPOSAL):
+    factor = PROPOSED_ERROR / error  # of a tolerance, to which the error is proportional
+    if not isinstance(method, Adaptive):
+        factor **= 1 / order
+    largest = LONGEST_PROPOSAL
+    if method.traits.explicit:  # its steps are near the limit already
+        largest = 1.0
+    if factor > largest:
         return ""
-    return f"; {name} = {factor * value:.2g}{unit} would give 1 %"
+    if not isinstance(method, Adaptive):
+        proposed = f"dt = {factor * dt:.2g} s"
+    elif method.rtol:
+        proposed = f"rtol = {factor * method.rtol:.2g}"
+    else:
+        proposed = f"atol = {factor * method.atol:.2g} m/s"
+    return f"; {proposed} would give 1 %"

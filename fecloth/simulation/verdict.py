@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
-from fecloth.simulation.doubts.jumps import LEAST_JUMP
+from fecloth.simulation.doubts.jumps import LEAST_JUMP, Jump
 from fecloth.simulation.energy_balance import DISTRUST, Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.time_error import TimeError
@@ -38,24 +38,29 @@ class Verdict(Account):
         return Verdict(next(filter(None, _find_causes(run, others)), None))
 
     def doubts(self) -> list[Doubt]:
-        return [self.doubt] if self.doubt else []
+        if self.doubt:
+            return [self.doubt]
+        return []
 
 
 def _find_causes(run: Run, others: Accounts) -> Iterator[Doubt | None]:
-    """Yield what may be said, what is a cause first; None where there is nothing to say."""
+    """Yield what may be said, causes before what follows from them; None where there is nothing.
+
+    The first doubt is what a run says.
+    """
     balance = others[Balance]
     estimate = others.get(TimeError)
-    error = estimate.relative if estimate else math.nan
+    error = math.nan
+    if estimate:
+        error = estimate.relative
     touches = has_kind(run.system.terms, "contact")
     solves = run.method.traits.solves and not touches
     is_slight = error < SLIGHT_ERROR and solves
     if estimate and not (is_slight and not balance.is_far):
-        # An obstacle that jumps throws the cloth, however little it jumps.
-        share = 0.0 if touches else LEAST_JUMP_THAT_COUNTS * estimate.moved
-        least = max(LEAST_JUMP * run.system.cloth.extent, share)
-        jump = next((jump for jump in estimate.jumps if jump.size > least), None)
+        jump = _find_jump(run, estimate, touches)
         if jump:
-            yield jump.doubt if estimate.is_large or not solves else None
+            if estimate.is_large or not solves:
+                yield jump.doubt
             return
     if touches:
         yield doubt_gain(balance)
@@ -70,14 +75,25 @@ def _find_causes(run: Run, others: Accounts) -> Iterator[Doubt | None]:
         yield doubt_dissipation(run, balance, others[Ledger])
 
 
+def _find_jump(run: Run, estimate: TimeError, touches: bool) -> Jump | None:
+    """Return the first jump of a pin or an obstacle that is large enough to be the cause.
+
+    With contact any jump is: an obstacle that jumps throws the cloth, however little it jumps.
+    """
+    least = LEAST_JUMP * run.system.cloth.extent
+    if not touches:
+        least = max(least, LEAST_JUMP_THAT_COUNTS * estimate.moved)
+    return next((jump for jump in estimate.jumps if jump.size > least), None)
+
+
 def doubt_gain(balance: Balance) -> Doubt | None:
     """Return a doubt if numerical dissipation was below zero by 5 % of what moved."""
     moved = max(balance.kinetic, balance.scale)
     if balance.gained <= ENERGY_MADE * moved:
         return None
     words = (
-        f"numerical dissipation was below zero: the method has made {balance.gained:.3g} J, where "
-        f"{moved:.3g} J moved, as its steps do not resolve how contacts push"
+        f"numerical dissipation was below zero: the method has made {balance.gained:.3g} J, "
+        f"where {moved:.3g} J moved, as its steps do not resolve how contacts push"
     )
     return Doubt(DoubtKind.GAIN, words, "take BackwardEuler, or a smaller dt")
 
@@ -96,12 +112,11 @@ def doubt_dissipation(run: Run, balance: Balance, ledger: Ledger) -> Doubt | Non
     if balance.scale <= noise or not ledger.numerical > max(ENERGY_TAKEN * motion, noise):
         return None
     remedy = "take a smaller dt, or a method that dissipates less"
-    if has_kind(run.system.terms, "contact"):  # all other methods are refused
-        other = ", or BDF2" if run.method.traits.order == 1 else ""
-        remedy = (
-            f"take a smaller dt{other}; impacts without a bounce lose energy anyway, and count "
-            "here, too"
-        )
+    if has_kind(run.system.terms, "contact"):
+        remedy = "take a smaller dt"
+        if run.method.traits.order == 1:  # of order 2 BDF2 alone is allowed with contact
+            remedy = "take a smaller dt, or BDF2"
+        remedy += "; impacts without a bounce lose energy anyway, and count here, too"
     words = (
         f"numerical dissipation has taken {ledger.numerical:.3g} J, "
         f"{100 * ledger.numerical / motion:.0f} % of the energy of the motion"

@@ -85,7 +85,8 @@ def test_the_forecast_is_the_number_of_steps_where_each_takes_a_second(monkeypat
     counting_clock(monkeypatch)
     system, state = sheet(damping=0.02)
     explicit = fc.Adaptive(fc.CentralDifference(), rtol=1.0)  # all steps at the stability limit
-    trial = method_choice._trial(system, state, 0.1, explicit, None, 10, np.inf)
+    run = method_choice.TrialRun(system, state, 0.1, record=lambda *step: None)
+    trial = run.predict_cost(explicit, None, 10, rival=np.inf)
     steps = sum(1 for _ in fc.march(system, explicit, state, t_end=0.1))
     assert steps > 100
     assert trial.seconds == pytest.approx(steps, rel=0.05)
@@ -110,5 +111,6 @@ def test_a_trial_takes_no_more_steps_than_it_needs(monkeypatch, rival, steps):
 
     method = Counted(fc.GeneralizedAlpha(), 1e-3)
     solver, _ = fc.solver_for(system, method, 1e-3)
-    method_choice._trial(system, state, 1.0, method, solver, 12, rival)
+    run = method_choice.TrialRun(system, state, 1.0, record=lambda *step: None)
+    run.predict_cost(method, solver, 12, rival)
     assert len(taken) == steps

@@ -10,12 +10,16 @@ import pytest
 import fecloth as fc
 from fecloth.simulation import error_control, stability_limited
 from fecloth.simulation.account import Run
-from fecloth.simulation.deformation import Deformation, find_inflow
+from fecloth.simulation.deformation import Deformation, find_inflow, negligible_energy
+from fecloth.simulation.doubts.signals import Effort, Signal
+from fecloth.simulation.doubts.unseen import missed_share
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.error_control import Control
 from fecloth.simulation.growth import MOST_GROWTH, describe_growth
+from fecloth.simulation.step_times import count_steps, end_times
 from fecloth.simulation.time_error import TimeError
 from fecloth.simulation.verdict import doubt_dissipation
+from fecloth.simulation.within_step import uneven
 
 
 @pytest.fixture(scope="module")
@@ -143,3 +147,33 @@ def test_what_a_driven_cloth_loses_to_damping_is_a_part_of_its_motion(part, doub
     )
     balance = Balance(0.0, largest=1.0)
     assert (doubt_dissipation(run, balance, ledger) is not None) == doubted
+
+
+@pytest.mark.parametrize(("rest", "steps"), [(0.8e-9, 3), (1.25e-9, 4)])
+def test_what_is_left_of_a_span_is_a_step_beyond_the_round_off_of_the_clock(rest, steps):
+    assert count_steps(3.0 + rest, 1.0) == steps
+
+
+def test_times_that_differ_by_the_round_off_of_the_clock_are_one_stop():
+    """The stops of a run of 1 s, from both sides of 1e-9 of it."""
+    assert end_times(0.0, 1.0, [1.0 - 0.8e-9]).tolist() == [1.0]
+    assert len(end_times(0.0, 1.0, [1.0 - 1.25e-9])) == 2
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_a_change_of_a_signal_by_its_round_off_is_none(factor):
+    """A load of 1 that waves within each step, by about 1e-9 beside its line in the mean."""
+    effort = Effort(most=64, even=64, inside=uneven(16))
+    size = factor * 1e-9 * math.pi / 2
+
+    def values(t):
+        return 1.0 + size * np.sin(2 * np.pi * t)[:, None]
+
+    load = Signal("the load", values, effort, span=(0.0, 1.0), is_fixed=True, kind="load")
+    share, _ = missed_share(load, 1.0, load.span)
+    assert (share > 0) == (factor > 1)
+
+
+def test_the_energy_of_a_cloth_at_rest_is_that_of_a_millionth_of_its_extent(system):
+    """½ m (1e-6 L/T)², with 1 s, the 0.6 m of the sheet and its 0.036 kg."""
+    assert negligible_energy(system, 1.0) == pytest.approx(0.5 * 0.036 * 0.6e-6**2)

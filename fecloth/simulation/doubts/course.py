@@ -41,9 +41,9 @@ def find_slivers(run: PlannedRun) -> Iterator[Doubt]:
         X, Y = cloth.X[cloth.triangles[worst]].mean(axis=0)
         below = int((quality < LEAST_QUALITY).sum())
         words = (
-            f"triangle {worst} at ({X:.3g}, {Y:.3g}) m has the quality {quality[worst]:.2g} (1 is "
-            f"equilateral), {below} are below {LEAST_QUALITY}: slivers are stiff in bending, and "
-            "the worst one limits explicit steps"
+            f"triangle {worst} at ({X:.3g}, {Y:.3g}) m has the quality {quality[worst]:.2g} "
+            f"(1 is equilateral), {below} are below {LEAST_QUALITY}: slivers are stiff in "
+            "bending, and the worst one limits explicit steps"
         )
         yield Doubt(DoubtKind.MESH, words, "improve the mesh")
 
@@ -75,10 +75,10 @@ def find_flat_start(run: PlannedRun) -> Iterator[Doubt]:
     if extents[2] > 1e-9 * extents[0]:
         return
     normal = axes[2]
-    if all(np.abs(y @ normal).max() <= 1e-9 * np.abs(y).max() for y in _pushes(run)):
+    if all(np.abs(push @ normal).max() <= 1e-9 * np.abs(push).max() for push in _pushes(run)):
         words = (
-            "the cloth starts in a plane, and nothing pushes it out of the plane: it can neither "
-            "bend nor buckle"
+            "the cloth starts in a plane, and nothing pushes it out of the plane: it can "
+            "neither bend nor buckle"
         )
         remedy = (
             "Bend it a little, for example by [start] position = "
@@ -88,13 +88,19 @@ def find_flat_start(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def _pushes(run: PlannedRun) -> Iterator[np.ndarray]:
-    """Yield (n, 3) arrays that move the cloth: velocity, pin motions and forces at five times."""
+    """Yield what may move the cloth, (n, 3) each.
+
+    These are its velocity at the start and, at five times of the run, the displacements and the
+    velocities of pins, and the forces on the cloth at its start.
+    """
     system = run.system
     state = run.state
     yield state.v
     for t in state.t + (run.t_end - state.t) * np.array([0.0, 0.13, 0.37, 0.71, 1.0]):
         x, v = system.constraints.target(state.t, t - state.t, state.x)
-        yield from (x - state.x, v, system.force(State(t, state.x, state.v)))
+        yield x - state.x
+        yield v
+        yield system.force(State(t, state.x, state.v))
 
 
 def find_fast_waves(run: PlannedRun) -> Iterator[Doubt]:
@@ -139,8 +145,8 @@ def find_short_steps(run: PlannedRun) -> Iterator[Doubt]:
     limit = run.explicit_limit
     if dt < SHORT_STEP * limit < math.inf:
         words = (
-            f"dt = {dt:g} s is {limit / dt:.0f} times shorter than even an explicit method needs "
-            f"({limit:.2g} s)"
+            f"dt = {dt:g} s is {limit / dt:.0f} times shorter than even an explicit method "
+            f"needs ({limit:.2g} s)"
         )
         remedy = f"If you meant ms, write {1000 * dt:g}; without dt the error determines it"
         yield Doubt(DoubtKind.STEP, words, remedy)
@@ -165,11 +171,11 @@ def find_numerical_damping(run: PlannedRun) -> Iterator[Doubt]:
     damped = traits.order == 1 and traits.at_infinity < 1
     if not (damped and run.dt and pull and length):
         return
-    rate = math.sqrt(pull / length)
-    lost = dimensionless.swing_loss(rate * run.dt)
+    frequency = math.sqrt(pull / length)  # of a pendulum [rad/s]
+    lost = dimensionless.swing_loss(frequency * run.dt)
     rates = [term.rate for term in run.system.terms if traits_of(term).damps == "motion"]
-    meant = -math.expm1(-sum(rates) * math.pi / rate)  # what the terms take in a period
-    if lost > max(LARGEST_LOSS, meant):
+    lost_to_terms = -math.expm1(-sum(rates) * math.pi / frequency)  # in a period
+    if lost > max(LARGEST_LOSS, lost_to_terms):
         words = (
             f"numerical damping of {type(run.method).__name__} removes about "
             f"{100 * lost:.0f} % of the amplitude of a swing over {length:.2g} m per period"
@@ -181,20 +187,34 @@ def find_numerical_damping(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def doubt_wrinkles(
-    system: System,
-    compressed: float,  # part of the area that is compressed at the end; see `compressed_share`
-    rough: float,  # part of the angles between triangles that no curvature explains: `roughness`
-    angle: float,  # the rms of these angles [rad]
-    height: float,  # of the folds over the largest rms displacement; low folds change no motion
+    system: System, compressed: float, rough: float, angle: float, height: float
 ) -> Doubt | None:
-    """Return a doubt if a compressed cloth is folded as finely as its triangles."""
-    taut_only = any(isinstance(term, TensionField) for term in system.terms)
-    matters = height > (LEAST_HEIGHT if angle > SHALLOW_ANGLE else LEAST_HEIGHT_OF_SHALLOW)
-    if not (compressed > LEAST_COMPRESSED and rough > LEAST_ROUGHNESS and matters) or taut_only:
+    """Return a doubt if a compressed cloth is folded as finely as its triangles.
+
+    Parameters
+    ----------
+    system
+        The cloth and its terms. With a `TensionField` there is no doubt: it has no folds.
+    compressed
+        Part of the area that is compressed at the end; see `compressed_share`.
+    rough
+        Part of the angles between triangles that no curvature explains; see `roughness`.
+    angle
+        Root mean square of these angles [rad].
+    height
+        Height of the folds over the largest rms displacement: low folds change no motion.
+    """
+    if any(isinstance(term, TensionField) for term in system.terms):
+        return None
+    least_height = LEAST_HEIGHT
+    if not angle > SHALLOW_ANGLE:
+        least_height = LEAST_HEIGHT_OF_SHALLOW
+    is_folded = rough > LEAST_ROUGHNESS and height > least_height
+    if not (compressed > LEAST_COMPRESSED and is_folded):
         return None
     words = (
-        f"wrinkles as fine as the mesh: {100 * compressed:.0f} % of the cloth is compressed, and "
-        "its triangles decide how it folds"
+        f"wrinkles as fine as the mesh: {100 * compressed:.0f} % of the cloth is compressed, "
+        "and its triangles decide how it folds"
     )
     if not has_kind(system.terms, "bending"):
         remedy = "add PlateBending, or use TensionField where only taut regions matter"

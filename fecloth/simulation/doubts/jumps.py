@@ -21,7 +21,15 @@ PROPOSED_SPEED = 1.0  # m/s, of the motion that a doubt proposes in place of a j
 @remembered
 @dataclass(frozen=True)
 class Jump:
-    """The largest jump of a motion [m], and the doubt about it."""
+    """The largest jump of a motion.
+
+    Attributes
+    ----------
+    size
+        How far it jumps [m].
+    doubt
+        The doubt about it, in words.
+    """
 
     size: float
     doubt: Doubt
@@ -45,15 +53,18 @@ def _largest_jumps(signals: Iterable[Signal], least: float) -> Iterator[Jump]:
 
 
 def _largest_jump(motion: Signal, least: float) -> Jump | None:
+    """Return the largest jump of a motion, None if none is larger than `least` [m]."""
     jumps = find_jumps(*motion.samples, motion.values, least)
     if not jumps:
         return None
     t, size = max(jumps, key=lambda jump: jump[1])
     later = t + max(size / PROPOSED_SPEED, 0.01)
-    more = f", the largest of {len(jumps)} jumps" if len(jumps) > 1 else ""
+    more = ""
+    if len(jumps) > 1:
+        more = f", the largest of {len(jumps)} jumps"
     words = (
-        f"{motion.name} jumps by {size:.3g} m at t = {t:.6g} s{more}: no step resolves a jump, and "
-        "its effect on the cloth depends on dt"
+        f"{motion.name} jumps by {size:.3g} m at t = {t:.6g} s{more}: no step resolves a jump, "
+        "and its effect on the cloth depends on dt"
     )
     remedy = (
         f"let the {motion.kind} move in a finite time, as "
@@ -65,32 +76,52 @@ def _largest_jump(motion: Signal, least: float) -> Jump | None:
 def find_jumps(
     times: np.ndarray, g: np.ndarray, values: Values, least: float
 ) -> list[tuple[float, float]]:
-    """Return (time, size) of the jumps beyond `least` of `values`, which are g at even times.
+    """Return the time and the size of each jump of a signal, in their order.
 
     The intervals that differ most from their neighbours are halved until a jump remains, or
     none. A motion that goes there and back within an interval is missed.
+
+    Parameters
+    ----------
+    times, g
+        (m,) even times, and the values there (m, k).
+    values
+        The signal as a function of times.
+    least
+        Size of a change that counts as a jump.
     """
-    changes = np.diff(g, axis=0)
-    changes = np.abs(changes, out=changes).max(axis=1)  # in place: these may be 100 MB
-    beside = np.minimum(np.append(changes[1], changes[:-1]), np.append(changes[1:], changes[-2]))
-    unlike = np.where(changes > least, beside - changes, 0.0)
-    most = np.argsort(unlike, kind="stable")[:MOST_JUMPS]
     begin = times[0]
     end = times[-1]
-    near = 1e-9 * (end - begin)
+    near = 1e-9 * (end - begin)  # jumps that are not farther apart are one
     jumps: list[tuple[float, float]] = []
-    for i in sorted(most[changes[most] > least]):
+    for i in _intervals_that_may_jump(g, least):
         t, left = _halve(values, times[i : i + 2], g[i : i + 2])
-        if left > least and not (jumps and t - jumps[-1][0] <= near):
-            around = np.clip([t - near, t + near], begin, end)
-            t = begin if t - begin <= near else t
-            jumps.append((float(t), float(np.abs(np.diff(values(around), axis=0)).max())))
+        is_known = jumps and t - jumps[-1][0] <= near
+        if not left > least or is_known:
+            continue
+        around = np.clip([t - near, t + near], begin, end)
+        size = float(np.abs(np.diff(values(around), axis=0)).max())
+        if t - begin <= near:
+            t = begin
+        jumps.append((float(t), size))
     return jumps
+
+
+def _intervals_that_may_jump(g: np.ndarray, least: float) -> list[int]:
+    """Return the intervals in which g (m, k) changes most beside the intervals next to them."""
+    changes = np.diff(g, axis=0)
+    changes = np.abs(changes, out=changes).max(axis=1)  # in place: these may be 100 MB
+    before = np.append(changes[1], changes[:-1])
+    after = np.append(changes[1:], changes[-2])
+    excess = np.where(changes > least, changes - np.minimum(before, after), 0.0)
+    most = np.argsort(-excess, kind="stable")[:MOST_JUMPS]
+    return sorted(most[changes[most] > least])
 
 
 def _halve(values: Values, times: np.ndarray, g: np.ndarray) -> tuple[float, float]:
     """Return the time of the largest change between two times, and the change that is left."""
-    (a, b), (at_a, at_b) = times, g
+    a, b = times
+    at_a, at_b = g
     for _ in range(HALVINGS_OF_JUMP):
         middle = 0.5 * (a + b)
         (at_middle,) = values(np.array([middle]))

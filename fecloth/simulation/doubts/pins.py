@@ -22,7 +22,7 @@ LEAST_DROPPED = 0.01  # part of a motion along its own slide that is reported
 REACH_OF_REGION = 0.25
 LEAST_CORNER = 0.5  # rad between two edges of the border; less is a curved side
 LONGEST_LEVER = 12.0  # bending lengths; a cloth that is longer hangs down from a clamp as well
-# Extents of the cloth, least and most: what interpolation moves nodes by.
+# By how much interpolation moves nodes, least and most, over the extent of the cloth.
 ERROR_OF_PLACES = (1e-6, 3e-3)
 # Of the deviation from a uniform stretch; a wave of 6 nodes has it from node to node.
 LEAST_ZIGZAG = 0.5
@@ -37,6 +37,7 @@ def find_idle_pins(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def _check_each_pin(run: PlannedRun) -> Iterator[Doubt | None]:
+    """Yield what each check says of each pin; None where there is nothing to say."""
     motions = {signal.name: signal for signal in run.signals}
     for name, (pin, nodes) in run.system.constraints.groups.items():
         if pin.motion is not None and pin.rotate is None:
@@ -50,19 +51,22 @@ def _check_each_pin(run: PlannedRun) -> Iterator[Doubt | None]:
 def _constant_motion(
     run: PlannedRun, name: str, pin: Pin, motions: dict[str, Signal]
 ) -> Doubt | None:
-    """Warn of a motion that is the same from the start to the end, and not zero by intent."""
-    # In a run it may begin later; load steps end at t = 1.
+    """Warn of a motion that is the same from the start to the end, and not zero by intent.
+
+    In a run a motion that is zero may begin later. Load steps end at t = 1, where a motion that
+    depends on t is not zero.
+    """
     _, places = motions[name_motion(name)].samples
     if isinstance(pin.motion, Motion):
-        texts = [each.text for each in pin.motion.formulas]
+        texts = [formula.text for formula in pin.motion.formulas]
     else:
         texts = ["t"]
     may_be_zero = not (isinstance(run.steps, LoadSteps) and re.search(r"\bt\b", " ".join(texts)))
     if (may_be_zero and not places.any()) or (places != places[0]).any():
         return None
     words = (
-        f"pin {name!r}: its motion is the same at all t = {run.state.t:g} … {run.t_end:g}, so that "
-        "its nodes stand still, as only the changes of a motion count"
+        f"pin {name!r}: its motion is the same at all t = {run.state.t:g} … {run.t_end:g}, so "
+        "that its nodes stand still, as only the changes of a motion count"
     )
     return Doubt(DoubtKind.PINS, words, "multiply it by t")
 
@@ -88,13 +92,16 @@ def find_free_fall(run: PlannedRun) -> Iterator[Doubt]:
     """Note a cloth under gravity that no pin, air, obstacle or other force holds."""
     terms = run.system.terms
     traits = [traits_of(term) for term in terms if not isinstance(term, Gravity)]
-    is_held = any(each.kind not in INTERNAL or each.damps == "motion" for each in traits)
-    if not (len(run.system.constraints.nodes) or is_held or len(traits) == len(terms)):
+    has_gravity = len(traits) < len(terms)
+    is_held = len(run.system.constraints.nodes) or any(
+        trait.kind not in INTERNAL or trait.damps == "motion" for trait in traits
+    )
+    if has_gravity and not is_held:
         words = "nothing holds the cloth, no pin, air or obstacle: it falls freely"
         yield Doubt(DoubtKind.PINS, words)
 
 
-# --- a region that catches one node ---------------------------------------------------------------
+# --- a region that catches one node ------------------------------------------
 
 
 def _one_node(cloth: Cloth, name: str, pin: Pin, node: int) -> Doubt | None:
@@ -103,14 +110,13 @@ def _one_node(cloth: Cloth, name: str, pin: Pin, node: int) -> Doubt | None:
         return None
     X, Y = cloth.X[node]
     near = np.unique(cloth.cells[(cloth.cells == node).any(axis=1)])
-    steps = cloth.X[near[near != node]] - cloth.X[node]
+    edges = cloth.X[near[near != node]] - cloth.X[node]
+    around = cloth.X[node] + REACH_OF_REGION * edges
     # A predicate of the user may know the nodes of the cloth alone.
-    around = attempt(
-        pin.where, cloth.X[node] + REACH_OF_REGION * steps, otherwise=np.zeros(0, bool)
-    )
-    if not (np.any(around) or _is_within_a_side(cloth, node)):
+    is_in_region = attempt(pin.where, around, otherwise=np.zeros(0, bool))
+    if not (np.any(is_in_region) or _is_within_a_side(cloth, node)):
         return None
-    edge = np.linalg.norm(steps, axis=1).min()
+    edge = np.linalg.norm(edges, axis=1).min()
     words = (
         f"pin {name!r} holds one node only, at ({X:.3g}, {Y:.3g}) m, and the cloth turns about "
         f"it: the next one is {edge:.3g} m away"
@@ -125,15 +131,16 @@ def _one_node(cloth: Cloth, name: str, pin: Pin, node: int) -> Doubt | None:
 def _is_within_a_side(cloth: Cloth, node: int) -> bool:
     """Return whether the node lies on the border of the cloth and is no corner of it."""
     border = cloth.edge_sets.get("boundary", np.empty((0, 2), int))
-    ends = border[(border == node).any(axis=1)]
-    if len(ends) != 2:
+    edges = border[(border == node).any(axis=1)]
+    if len(edges) != 2:
         return False
-    a, b = (cloth.X[e[e != node][0]] - cloth.X[node] for e in ends)
-    turn = np.pi - np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1))
+    a, b = (cloth.X[edge[edge != node][0]] - cloth.X[node] for edge in edges)
+    cosine = a @ b / np.linalg.norm(a) / np.linalg.norm(b)
+    turn = np.pi - np.arccos(np.clip(cosine, -1, 1))
     return bool(turn < LEAST_CORNER)
 
 
-# --- held nodes that start beside their places ----------------------------------------------------
+# --- held nodes that start beside their places -------------------------------
 
 
 def find_uneven_start(run: PlannedRun) -> Iterator[Doubt]:
@@ -156,40 +163,51 @@ def find_uneven_start(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def _zigzag(cloth: Cloth, nodes: np.ndarray, x: np.ndarray) -> float:
-    """Return how far nodes at x (k, 3) lie off the mean of their neighbours [m]; 0 if smoothly."""
+    """Return how far nodes lie off the mean of their neighbours [m]; 0 if they lie smoothly.
+
+    `nodes` (k,) are the nodes, at x (k, 3). A uniform stretch and a turn of the flat cloth are
+    taken off first; only neighbours among the nodes count.
+    """
     if len(nodes) < FEWEST_NODES:
         return 0.0
     affine = np.column_stack([np.ones(len(nodes)), cloth.X[nodes]])
     off = x - affine @ np.linalg.lstsq(affine, x, rcond=None)[0]
-    pairs = np.stack([cloth.parts, np.roll(cloth.parts, 1, axis=1)], axis=-1).reshape(-1, 2)
-    number = np.full(len(cloth.X), -1)
-    number[nodes] = np.arange(len(nodes))
-    pairs = number[pairs]
-    pairs = pairs[(pairs >= 0).all(axis=1)]
-    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    pairs = _neighbours(cloth, nodes)
     sums = np.zeros_like(off)
-    counts = np.bincount(pairs[:, 0], minlength=len(nodes))
     np.add.at(sums, pairs[:, 0], off[pairs[:, 1]])
-    inner = counts > 1
-    apart = np.linalg.norm(off[inner] - sums[inner] / counts[inner, None], axis=1).max(initial=0)
+    counts = np.bincount(pairs[:, 0], minlength=len(nodes))
+    is_inner = counts > 1
+    beside = off[is_inner] - sums[is_inner] / counts[is_inner, None]
+    apart = np.linalg.norm(beside, axis=1).max(initial=0)
     if apart > LEAST_ZIGZAG * np.linalg.norm(off, axis=1).max():
         return float(apart)
     return 0.0
 
 
-# --- a line of pins about which the cloth turns ---------------------------------------------------
+def _neighbours(cloth: Cloth, nodes: np.ndarray) -> np.ndarray:
+    """Return the pairs (p, 2) of nodes on an edge, in both orders, as places in `nodes`."""
+    edges = np.stack([cloth.parts, np.roll(cloth.parts, 1, axis=1)], axis=-1).reshape(-1, 2)
+    place = np.full(len(cloth.X), -1)
+    place[nodes] = np.arange(len(nodes))
+    pairs = place[edges]
+    pairs = pairs[(pairs >= 0).all(axis=1)]
+    return np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+
+
+# --- a line of pins about which the cloth turns ------------------------------
 
 
 def find_free_turn(run: PlannedRun) -> Iterator[Doubt]:
     """Note pins on a line if the load turns a cloth about it that a clamp would hold up."""
     system = run.system
     state = run.state
-    motion = rotation_about_pins(system, state.x)
-    bends = has_kind(system.terms, "bending")
-    rigidities = [max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
-    if motion is None or not (bends and rigidities) or any(map(is_stiff, system.panel.fabrics)):
+    fabrics = system.panel.fabrics
+    rigidities = [max(fabric.bending) for fabric in fabrics if fabric.bending]
+    bends = has_kind(system.terms, "bending") and rigidities
+    if not bends or any(map(is_stiff, fabrics)) or system.panel.clamps is not None:
         return
-    if system.panel.clamps is not None:
+    motion = rotation_about_pins(system, state.x)
+    if motion is None:
         return
     f = system.force(state)
     reach = np.linalg.norm(motion, axis=1).max()  # of a rotation by 1 rad/s: a distance
@@ -207,7 +225,11 @@ def find_free_turn(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def rotation_about_pins(system: System, x: np.ndarray) -> np.ndarray | None:
-    """Return velocities (n, 3) [m] of the one rotation by 1 rad/s that all pins allow, or None."""
+    """Return the velocities of the one rotation that all pins allow, or None.
+
+    They are (n, 3) [m/s] at 1 rad/s. There is none without pins, and for a cloth that can turn
+    about several axes or shift.
+    """
     constraints = system.constraints
     if not len(constraints.nodes):
         return None
@@ -217,6 +239,10 @@ def rotation_about_pins(system: System, x: np.ndarray) -> np.ndarray | None:
     _, values, rows = np.linalg.svd(held, full_matrices=True)
     values = np.pad(values, (0, 6 - len(values)))
     free = rows[values <= 1e-6 * max(values[0], 1e-300)]
-    if len(free) != 1 or np.linalg.norm(free[0, 3:]) < 1e-6:
+    if len(free) != 1:
         return None
-    return np.tensordot(free[0], modes, 1) * size / np.linalg.norm(free[0, 3:])
+    (motion,) = free  # parts of the three shifts and of the three turns
+    turn = np.linalg.norm(motion[3:])
+    if turn < 1e-6:
+        return None
+    return np.tensordot(motion, modes, 1) * size / turn

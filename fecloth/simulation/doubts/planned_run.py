@@ -22,22 +22,37 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class PlannedRun:
-    """A run before its first step."""
+    """A run before its first step.
+
+    Attributes
+    ----------
+    system, state
+        What moves, and its start.
+    steps
+        The choice of its steps.
+    ends
+        (k,) times at which a step must end [s]; the last one is the end of the run.
+    """
 
     system: System
-    state: State  # the start
+    state: State
     steps: StepChoice | Auto
-    ends: np.ndarray  # (k,) times at which a step must end; the last is the end of the run [s]
+    ends: np.ndarray
 
     @property
     def t_end(self) -> float:
+        """The end of the run [s]."""
         return float(self.ends[-1])
 
     @property
     def dt(self) -> float | None:
         """The step [s] if it is fixed and resolves a motion, else None."""
-        dt = None if isinstance(self.steps, LoadSteps) else self.steps.dt
-        return None if dt and self._settles(dt) else dt
+        if isinstance(self.steps, LoadSteps):
+            return None
+        dt = self.steps.dt
+        if dt and self._settles(dt):
+            return None
+        return dt
 
     def _settles(self, dt: float) -> bool:
         """Whether a few steps of backward Euler, minutes long, seek a state of rest."""
@@ -46,6 +61,7 @@ class PlannedRun:
 
     @property
     def method(self) -> Any:
+        """The method as reports name it; see `method_to_report`."""
         return method_to_report(self.steps)
 
     @cached_property
@@ -60,15 +76,19 @@ class PlannedRun:
 
     @cached_property
     def signals(self) -> tuple[Signal, ...]:
+        """Motions and loads that depend on time; see `find_signals`."""
         is_fixed = self.steps.dt is not None
         return tuple(find_signals(self.system, self.state, self.t_end, is_fixed))
 
 
 def attempt(function: Callable[..., T], *arguments: Any, otherwise: T) -> T:
-    """Return what a function that calls the user's returns; `otherwise` where those fail."""
+    """Return `function(*arguments)`, or `otherwise` if it raises.
+
+    It is for functions that call functions of the user, which may raise anything.
+    """
     try:
         return function(*arguments)
-    except Exception:  # whatever a user's function may raise
+    except Exception:
         return otherwise
 
 

@@ -1,4 +1,4 @@
-"""Motions of pins and obstacles, loads, and forces of users as functions of time, sampled once."""
+"""Motions of pins and obstacles, loads, and users' forces: functions of time, sampled once."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ import numpy as np
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.time_function import TimeFunction
 from fecloth.simulation.within_step import uneven
-from fecloth.system.pins import Motion
+from fecloth.system.pins import Motion, Pin
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.contact.bound_contact import BoundContact
@@ -20,6 +20,8 @@ from fecloth.terms.custom.force import VARIABLES, BoundUserForce, FormulaForce
 from fecloth.terms.loads.air_velocity import Field, Formulas, Gusts, Uniform
 from fecloth.terms.springs.tether import BoundTether
 
+# Over the largest value of a signal; a smaller change is round-off of the user's function.
+ROUND_OFF_OF_SIGNAL = 1e-9
 MOST_NODES = 16  # at which a force on all nodes is compared: each costs an evaluation
 
 Values = Callable[[np.ndarray], np.ndarray]  # function of times (m,) that returns (m, k)
@@ -27,29 +29,55 @@ Span = tuple[float, float]  # start and end of a run [s]
 
 
 class Effort(NamedTuple):
-    """How often something may be evaluated before a run."""
+    """How often something may be evaluated before a run.
 
-    most: int  # times in all, and even times of a run that chooses its steps
-    even: int  # even times of a run with fixed steps
-    inside: np.ndarray  # fractions of a step; uneven: no oscillation is zero at all of them
+    Attributes
+    ----------
+    most
+        Number of times in all, and of the even times of a run that chooses its steps.
+    even
+        Number of the even times of a run with fixed steps.
+    inside
+        Times inside a step, as parts of it. They are uneven: no oscillation is zero at all.
+    """
+
+    most: int
+    even: int
+    inside: np.ndarray
 
 
-FORMULAS = Effort(2**17, 2**13 + 1, uneven(64))  # of time
-PLACES = Effort(2**15, 2**13 + 1, uneven(32))  # the same at MOST_NODES
-FUNCTIONS = Effort(2**13, 2**10 + 1, uneven(16))
-FORCES = Effort(2**8, 2**8, uneven(5))  # of all nodes, by a function
+FORMULAS = Effort(most=2**17, even=2**13 + 1, inside=uneven(64))  # of time
+PLACES = Effort(most=2**15, even=2**13 + 1, inside=uneven(32))  # the same at MOST_NODES
+FUNCTIONS = Effort(most=2**13, even=2**10 + 1, inside=uneven(16))
+FORCES = Effort(most=2**8, even=2**8, inside=uneven(5))  # of all nodes, by a function
 
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """A motion or a load that depends on time, with its samples."""
+    """A motion or a load that depends on time, with its samples.
 
-    name: str  # what a warning calls it
+    Attributes
+    ----------
+    name
+        What a warning calls it.
+    values
+        Its values (m, k) as a function of times (m,).
+    effort
+        How often it may be evaluated.
+    span
+        Start and end of the run [s].
+    is_fixed
+        Whether the steps of the run have a fixed size.
+    kind
+        What moves so: "pin", "obstacle" or "tether"; or "load".
+    """
+
+    name: str
     values: Values
     effort: Effort
     span: Span
-    is_fixed: bool  # whether the steps of the run have a fixed size
-    kind: str  # what moves so, "pin", "obstacle" or "tether"; or "load"
+    is_fixed: bool
+    kind: str
 
     @property
     def moves(self) -> bool:
@@ -59,39 +87,48 @@ class Signal:
     @cached_property
     def samples(self) -> tuple[np.ndarray, np.ndarray]:
         """Even times (m,) [s] from the start to the end, and the values there (m, k)."""
-        times = np.linspace(*self.span, self.effort.even if self.is_fixed else self.effort.most)
+        number = self.effort.even if self.is_fixed else self.effort.most
+        times = np.linspace(*self.span, number)
         return times, np.asarray(self.values(times), float).reshape(len(times), -1)
 
 
 def find_signals(system: System, start: State, t_end: float, is_fixed: bool) -> Iterator[Signal]:
-    """Yield what moves pins, obstacles and tethers, the loads, and forces of users' terms."""
+    """Yield what moves pins, obstacles and tethers, the loads, and forces of users' terms.
+
+    `start` is the state before the first step of the run, `t_end` its end [s], and `is_fixed`
+    says whether its steps have a fixed size.
+    """
     of_run: dict[str, Any] = {"span": (start.t, t_end), "is_fixed": is_fixed}
+    size = system.cloth.extent
     for name, (pin, _) in system.constraints.groups.items():
-        if not pin.moves:
-            continue
-        values = each(partial(pin.sample, size=system.cloth.extent))
-        effort = FUNCTIONS
-        if isinstance(pin.motion, Motion) and pin.rotate is None:
-            values = _motion(pin.motion)
-            effort = PLACES if pin.motion.by_place else FORMULAS
-        yield Signal(name_motion(name), values, effort, kind="pin", **of_run)
+        if pin.moves:
+            values, effort = _of_pin(pin, size)
+            yield Signal(name_motion(name), values, effort, kind="pin", **of_run)
     for name, bound in system.named:
-        body = bound.body if isinstance(bound, BoundContact) else None
-        if body is not None and body.moves:
-            values = each(partial(_place, body, system.cloth.extent))
+        if isinstance(bound, BoundContact) and bound.body is not None and bound.body.moves:
+            values = at_each_time(partial(_place, bound.body, size))
             words = f"the motion of {name}"
             yield Signal(words, values, FUNCTIONS, kind="obstacle", **of_run)
+        kind = "tether" if isinstance(bound, BoundTether) else "load"
         for attribute, values, effort in _of_term(bound.here(), start):
-            kind = "tether" if isinstance(bound, BoundTether) else "load"
             yield Signal(f"{attribute} of {name}", values, effort, kind=kind, **of_run)
 
 
+def _of_pin(pin: Pin, size: float) -> tuple[Values, Effort]:
+    """Return the motion of a pin, and its effort; `size` is the extent of the cloth [m]."""
+    if not isinstance(pin.motion, Motion) or pin.rotate is not None:
+        return at_each_time(partial(pin.sample, size=size)), FUNCTIONS
+    effort = PLACES if pin.motion.by_place else FORMULAS
+    return _motion(pin.motion), effort
+
+
 def name_motion(pin: str) -> str:
+    """Return what a warning calls the motion of a pin."""
     return f"the motion of the pin {pin!r}"
 
 
 def _place(body: Shape, size: float, t: float) -> np.ndarray:
-    """Return the displacement of a body, and the ends of three arms of `size` that turn (4, 3)."""
+    """Return (4, 3) the displacement of a body, and the ends of three arms that turn with it."""
     pose = body.pose(t)
     return np.vstack([pose.u, size * pose.R])
 
@@ -100,11 +137,12 @@ def _of_term(bound, state: State) -> Iterator[tuple[str, Values, Effort]]:
     """Yield the name, the values and their effort of what depends on time in a term."""
     is_force = not type(bound).__module__.startswith("fecloth.")
     for value in _fields(bound):
-        value = value.value if isinstance(value, Uniform) else value
+        if isinstance(value, Uniform):
+            value = value.value
         if isinstance(value, TimeFunction):
             is_force = False
             if callable(value.parts):
-                yield value.name, each(value), FUNCTIONS
+                yield value.name, at_each_time(value), FUNCTIONS
             elif _has_time(value.parts):
                 yield value.name, _formulas(value.parts), FORMULAS
         elif isinstance(value, Field | Gusts):
@@ -116,25 +154,28 @@ def _of_term(bound, state: State) -> Iterator[tuple[str, Values, Effort]]:
             place = dict(zip(VARIABLES, map(_few, columns), strict=False))
             yield "the force", _formulas(bound.function.parts, **place), PLACES
     elif is_force or isinstance(bound, BoundUserForce):
-        yield "the force", each(lambda t: _force(bound, state, t)), FORCES
+        yield "the force", at_each_time(lambda t: _force(bound, state, t)), FORCES
 
 
 def _of_air(air: Field | Gusts, x: np.ndarray) -> Iterator[tuple[str, Values, Effort]]:
     """Yield the velocity of the air at positions x (k, 3) if it depends on time."""
     if not (isinstance(air, Field) and isinstance(air.function, Formulas)):
-        yield "the air velocity", each(lambda t: air.velocity(x, t)), FORCES
+        yield "the air velocity", at_each_time(lambda t: air.velocity(x, t)), FORCES
     elif _has_time(air.function.parts):
         values = _formulas(air.function.parts, x=x[:, 0], y=x[:, 1], z=x[:, 2])
         yield "the air velocity", values, PLACES
 
 
 def _fields(bound) -> Iterator[object]:
+    """Yield the values of the fields of a dataclass; nothing for any other object."""
     if is_dataclass(bound):
         yield from (getattr(bound, field.name) for field in fields(bound))
 
 
 def _has_time(parts) -> bool:
-    return any(isinstance(p, Formula) and re.search(r"\bt\b", p.text) for p in parts)
+    """Return whether a formula among the parts has the variable t."""
+    formulas = (part for part in parts if isinstance(part, Formula))
+    return any(re.search(r"\bt\b", formula.text) for formula in formulas)
 
 
 def _motion(motion: Motion) -> Values:
@@ -146,6 +187,7 @@ def _motion(motion: Motion) -> Values:
 
 
 def _force(bound, state: State, t: float) -> np.ndarray:
+    """Return the force of a term at a time, on a few of the nodes."""
     f = np.zeros_like(state.x)
     bound.add_force(state.x, state.v, t, f)
     return _few(f)
@@ -157,16 +199,20 @@ def _few(values: np.ndarray) -> np.ndarray:
 
 
 def _formulas(parts, **place: np.ndarray) -> Values:
-    """Return numbers and formulas as a function of times, at the same time or at k places (k,)."""
+    """Return numbers and formulas as a function of times, at k places (k,) if these are given."""
 
     def values(t: np.ndarray) -> np.ndarray:
         given = place | {"t": t[:, None]}
-        columns = [np.atleast_2d(p(**given) if isinstance(p, Formula) else p) for p in parts]
-        return np.concatenate([np.broadcast_to(c, (len(t), c.shape[1])) for c in columns], axis=1)
+        columns = []
+        for part in parts:
+            value = part(**given) if isinstance(part, Formula) else part
+            column = np.atleast_2d(value)
+            columns.append(np.broadcast_to(column, (len(t), column.shape[1])))
+        return np.concatenate(columns, axis=1)
 
     return values
 
 
-def each(function: Callable) -> Values:
-    """Return the function of times that calls a function of one time for each."""
+def at_each_time(function: Callable) -> Values:
+    """Return the function of times (m,) that calls `function`, of one time, for each."""
     return lambda times: np.stack([np.ravel(function(float(t))) for t in times])

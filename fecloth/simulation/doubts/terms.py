@@ -1,5 +1,6 @@
 """Terms that cannot be meant so: missing, counted twice, of another fabric, without effect."""
 
+import itertools
 from collections import Counter
 from collections.abc import Iterator
 
@@ -34,15 +35,18 @@ ROUND_OFF_OF_COUPLING = 1e-12  # relative; less is no lower coupling
 LEAST_PRESSURE = 0.5  # over the ambient pressure; a gas with less lets the cloth collapse
 
 
-# --- membranes ------------------------------------------------------------------------------------
+# --- membranes ---------------------------------------------------------------
 
 
 def find_no_membrane(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt the terms if nothing resists a stretch, and they are for more than a free fall."""
     system = run.system
     names = [type(term).__name__ for term in system.terms]
-    held = len(system.constraints.nodes) or has_kind(system.terms, "bending")
-    if not (names and held) or (resistance := _resistance(system)) > LEAST_RESISTANCE:
+    is_held = len(system.constraints.nodes) or has_kind(system.terms, "bending")
+    if not (names and is_held):
+        return
+    resistance = _resistance(system)
+    if resistance > LEAST_RESISTANCE:
         return
     words = (
         f"no membrane is among the terms ({', '.join(names)}): they resist a stretch with "
@@ -53,23 +57,28 @@ def find_no_membrane(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def _resistance(system: System) -> float:
-    """Return the work of a uniform stretch on the internal forces, relative to the fabric's."""
+    """Return the resistance of the internal forces to a uniform stretch, over the fabric's.
+
+    Both are the virtual work of a stretch on the forces that a small stretch causes. Loads and
+    contact are left out: they resist no stretch.
+    """
     rest = system.rest().x
-    f = np.zeros_like(rest)
-    resists = np.zeros_like(rest)
+    still = np.zeros_like(rest)
+    at_rest = np.zeros_like(rest)
+    stretched = np.zeros_like(rest)
     for term, bound in zip(system.terms, system.bound, strict=True):
         stencil = protocol.stencil(term, system.cloth)
         is_internal = stencil is not None and stencil.shape[1] > 1
-        if is_internal and not bound.load and not bound.limits_direction:  # contact resists nothing
-            bound.add_force((1 + TRIAL_STRETCH) * rest, np.zeros_like(rest), 0.0, resists)
-            bound.add_force(rest, np.zeros_like(rest), 0.0, f)
+        if is_internal and not (bound.load or bound.limits_direction):
+            bound.add_force((1 + TRIAL_STRETCH) * rest, still, 0.0, stretched)
+            bound.add_force(rest, still, 0.0, at_rest)
     stiffness = system.panel.each(lambda fabric: fabric.moduli()[[0, 1, 3, 3]].sum())[:, 0]
-    fabric = TRIAL_STRETCH * float(system.cloth.weights.sum(axis=1) @ stiffness)
-    return float(np.vdot(f - resists, rest)) / fabric
+    of_fabric = TRIAL_STRETCH * float(system.cloth.weights.sum(axis=1) @ stiffness)
+    return float(np.vdot(at_rest - stretched, rest)) / of_fabric
 
 
 def find_counted_twice(run: PlannedRun) -> Iterator[Doubt]:
-    """Doubt terms that stand twice, and of two that stand for one thing."""
+    """Doubt a term that stands twice, and two terms for one thing, such as two membranes."""
     given = [term for term in run.system.terms if not (_is_net(term) and term.stiffness == 0)]
     counts = Counter(map(_identity, given))
     for (name, *_), count in counts.items():
@@ -88,17 +97,22 @@ def find_counted_twice(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def _identity(term: object) -> tuple[str, ...]:
-    """Return what two terms share if they stand for the same: their class, of some all values."""
+    """Return what two terms have in common if they stand for the same thing.
+
+    It is the name of their class and, of terms that may act at several places, all values.
+    """
     name = type(term).__name__
     traits = traits_of(term)
-    once = traits.exclusive or not traits.several_places
-    return (name,) if once else (name, repr(term))
+    if traits.exclusive or not traits.several_places:
+        return (name,)
+    return (name, repr(term))
 
 
 def find_springs_of_another_fabric(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt a net in place of a membrane that is stiffer or softer than the fabric."""
     system = run.system
-    nets = [b for t, b in zip(system.terms, system.bound, strict=True) if _is_net(t)]
+    pairs = zip(system.terms, system.bound, strict=True)
+    nets = [bound for term, bound in pairs if _is_net(term)]
     others = [term for term in system.terms if not isinstance(term, terms.Springs)]
     if not nets or has_kind(others, "membrane"):
         return
@@ -120,6 +134,7 @@ def find_springs_of_another_fabric(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def _is_net(term: object) -> bool:
+    """Return whether a term is a net of springs, whose stiffness is its own on any mesh."""
     return isinstance(term, terms.Springs) and term.kind != "biquadratic"
 
 
@@ -129,7 +144,9 @@ def find_ignored_poisson_ratio(run: PlannedRun) -> Iterator[Doubt]:
     if not any(sheet.kind == "incompressible" for sheet in sheets):
         return
     given = {fabric.poisson_ratio for fabric in run.system.panel.fabrics} - {0.0}
-    for nu in (nu for nu in sorted(given) if abs(nu - 0.5) > LARGEST_MISMATCH / 2):
+    for nu in sorted(given):
+        if abs(nu - 0.5) <= LARGEST_MISMATCH / 2:
+            continue
         words = f"poisson_ratio = {nu:g} has no effect: NeoHookean is incompressible, with 0.5"
         remedy = 'use kind = "compressible", or leave poisson_ratio out'
         yield Doubt(DoubtKind.NO_EFFECT, words, remedy)
@@ -137,14 +154,13 @@ def find_ignored_poisson_ratio(run: PlannedRun) -> Iterator[Doubt]:
 
 def find_lowered_coupling(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt a `MembraneTable` that must take a smaller Poisson's ratio than its `poisson`."""
-    tables = (term for term in run.system.terms if isinstance(term, terms.MembraneTable))
-    for c, most in (
-        table.coupling(fabric) for table in tables for fabric in run.system.panel.fabrics
-    ):
-        if abs(c) > most * (1 + ROUND_OFF_OF_COUPLING):
+    tables = [term for term in run.system.terms if isinstance(term, terms.MembraneTable)]
+    for table, fabric in itertools.product(tables, run.system.panel.fabrics):
+        coupling, most = table.coupling(fabric)
+        if abs(coupling) > most * (1 + ROUND_OFF_OF_COUPLING):
             words = (
-                f"MembraneTable: poisson is lowered by a factor of {most / abs(c):.3g}: with more, "
-                "W would not be convex where warp and weft are softer than at rest"
+                f"MembraneTable: poisson is lowered by a factor of {most / abs(coupling):.3g}: "
+                "with more, W would not be convex where warp and weft are softer than at rest"
             )
             yield Doubt(DoubtKind.NO_EFFECT, words)
 
@@ -152,13 +168,16 @@ def find_lowered_coupling(run: PlannedRun) -> Iterator[Doubt]:
 def find_bending_unknown_to_hinges(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt the terms if the fabric states a plate's constant that hinges do not have."""
     names = [type(term).__name__ for term in run.system.terms if traits_of(term).by_pattern]
-    for fabric in dict.fromkeys(run.system.panel.fabrics) if names else ():
+    if not names:
+        return
+    for fabric in dict.fromkeys(run.system.panel.fabrics):
         nu = fabric.bending_poisson_ratio
         bias = fabric.bias_rigidity
         if nu and abs(nu - POISSON_OF_HINGES) > LARGEST_MISMATCH:
             words = (
                 f"bending_poisson_ratio = {nu:g} has no effect: {names[0]} on a mesh of nearly "
-                "equilateral triangles is a plate of -1/3, on others by the pattern, however fine"
+                "equilateral triangles is a plate of -1/3, on others by the pattern, however "
+                "fine"
             )
             yield Doubt(DoubtKind.NO_EFFECT, words, "take PlateBending")
         huber = sum(value**0.5 for value in fabric.bending or ()) ** 2 / 4
@@ -175,11 +194,12 @@ def find_damping_of_other_bending(run: PlannedRun) -> Iterator[Doubt]:
     system = run.system
     damping = [term for term in system.terms if isinstance(term, terms.BendingDamping)]
     plates = any(isinstance(term, terms.PlateBending) for term in system.terms)
-    usual = terms.HingeBending if system.cloth.element == "P1" else terms.PlateBending
-    if plates and any(isinstance(term.law or usual(), terms.HingeBending) for term in damping):
+    default = terms.HingeBending if system.cloth.element == "P1" else terms.PlateBending
+    laws = [term.law or default() for term in damping]
+    if plates and any(isinstance(law, terms.HingeBending) for law in laws):
         words = (
-            "BendingDamping acts on hinges, and PlateBending is a plate: the damping ratio is not "
-            "ω τ/2, but 0.8 to 1.3 times that, by the pattern of the mesh"
+            "BendingDamping acts on hinges, and PlateBending is a plate: the damping ratio is "
+            "not ω τ/2, but 0.8 to 1.3 times that, by the pattern of the mesh"
         )
         remedy = 'give it law = PlateBending(), in a scene law = { type = "PlateBending" }'
         yield Doubt(DoubtKind.TERMS, words, remedy)
@@ -190,14 +210,14 @@ def find_friction_without_plate(run: PlannedRun) -> Iterator[Doubt]:
     names = [type(term).__name__ for term in run.system.terms]
     if "BendingFriction" in names and "PlateBending" not in names:
         words = (
-            "BendingFriction acts on the curvature of a plate, and PlateBending is not among the "
-            "terms, so that nothing bends the cloth back as HB/B says"
+            "BendingFriction acts on the curvature of a plate, and PlateBending is not among "
+            "the terms, so that nothing bends the cloth back as HB/B says"
         )
         remedy = "take PlateBending, and leave out other bending terms"
         yield Doubt(DoubtKind.TERMS, words, remedy)
 
 
-# --- loads and contact ----------------------------------------------------------------------------
+# --- loads and contact -------------------------------------------------------
 
 
 def find_gas_without_pressure(run: PlannedRun) -> Iterator[Doubt]:
@@ -206,7 +226,9 @@ def find_gas_without_pressure(run: PlannedRun) -> Iterator[Doubt]:
         if not isinstance(gas, terms.Gas):
             continue
         volume = bound.volume(run.state.x)
-        p = bound.absolute_pressure(volume) if volume > 0 else gas.pressure
+        p = gas.pressure
+        if volume > 0:
+            p = bound.absolute_pressure(volume)
         if p < LEAST_PRESSURE * gas.ambient:
             words = (
                 f"the Gas has {p:.3g} Pa at the start, {100 * p / gas.ambient:.2g} % of the "
@@ -222,17 +244,21 @@ def find_gas_without_pressure(run: PlannedRun) -> Iterator[Doubt]:
 def find_cutting_edges(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt triangles that an obstacle may cut between the points on which it acts."""
     for name, term in run.system.named:
-        is_shape = isinstance(term, BoundObstacle)
-        cloth = run.system.cloth
-        if is_shape and (depth := cutting_depth(term.shape, term.gap, cloth)):
-            curved = term.shape.radius_of_curvature
-            remedy = "or a larger gap"
-            what = "curves so much that it" if curved else "has edges that"
-            if isinstance(term.shape, Sdf) and not curved:
-                what = "has no radius: its edges"
-                remedy = "a larger gap, or give its radius"
-            words = (
-                f"{name} {what} may cut up to {1e3 * depth:.2g} mm into triangles, which are large "
-                f"against its gap of {1e3 * term.gap:g} mm"
-            )
-            yield Doubt(DoubtKind.EDGES, words, f"take a smaller h, {remedy}")
+        if not isinstance(term, BoundObstacle):
+            continue
+        depth = cutting_depth(term.shape, term.gap, run.system.cloth)
+        if not depth:
+            continue
+        remedy = "or a larger gap"
+        if term.shape.radius_of_curvature:
+            what = "curves so much that it"
+        elif isinstance(term.shape, Sdf):
+            what = "has no radius: its edges"
+            remedy = "a larger gap, or give its radius"
+        else:
+            what = "has edges that"
+        words = (
+            f"{name} {what} may cut up to {1e3 * depth:.2g} mm into triangles, which are "
+            f"large against its gap of {1e3 * term.gap:g} mm"
+        )
+        yield Doubt(DoubtKind.EDGES, words, f"take a smaller h, {remedy}")

@@ -42,10 +42,12 @@ def find_values_in_other_units(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def _unlikely_values(run: PlannedRun) -> Iterator[Words]:
+    """Yield words and a remedy for each value that is unlikely in SI units."""
     fabric = run.system.fabric
     if isinstance(fabric, Mapping):
-        for name, piece in fabric.items():
-            yield from ((f"{name}.{words}", remedy) for words, remedy in _of_fabric(piece))
+        for name, fabric_of_piece in fabric.items():
+            for words, remedy in _of_fabric(fabric_of_piece):
+                yield f"{name}.{words}", remedy
     else:
         yield from _of_fabric(fabric)
     yield from _of_size(float(np.ptp(run.system.cloth.X, axis=0).max()))
@@ -57,11 +59,20 @@ def _unlikely_values(run: PlannedRun) -> Iterator[Words]:
 
 
 def _of_fabric(fabric: Fabric) -> Iterator[Words]:
+    """Yield what is unlikely of a fabric."""
     density = fabric.areal_density
-    if not DENSITIES[0] <= density <= DENSITIES[1]:
-        is_large = density > DENSITIES[1]
-        remedy = f"If you meant g/m², write {density / 1000:g}" if is_large else ""
+    least, most = DENSITIES
+    if not least <= density <= most:
+        remedy = ""
+        if density > most:
+            remedy = f"If you meant g/m², write {density / 1000:g}"
         yield f"areal_density = {density:g} kg/m²: cloth has 0.01 to 1", remedy
+    yield from _of_stiffness(fabric)
+    yield from _of_bending(fabric)
+
+
+def _of_stiffness(fabric: Fabric) -> Iterator[Words]:
+    """Yield what is unlikely of the stiffness along warp and weft."""
     least, most = STIFFNESSES
     for Y in dict.fromkeys(fabric.tensile):
         if not least <= Y <= most:
@@ -71,8 +82,12 @@ def _of_fabric(fabric: Fabric) -> Iterator[Words]:
                 meant = "Pa, use Fabric.sheet"
             words = f"tensile_stiffness = {Y:g} N/m: cloth has 30 to 1e6"
             yield words, f"If you meant {meant}"
+
+
+def _of_bending(fabric: Fabric) -> Iterator[Words]:
+    """Yield what is unlikely of the bending rigidity, and of its hysteresis beside it."""
     for B in dict.fromkeys(fabric.bending or ()):
-        length = bending_length(B, density)
+        length = bending_length(B, fabric.areal_density)
         if length > LARGEST_BENDING_LENGTH:
             words = (
                 f"bending_rigidity = {B:g} N m: it bends under its weight over {length:.2g} m, "
@@ -83,14 +98,15 @@ def _of_fabric(fabric: Fabric) -> Iterator[Words]:
         if hysteresis > 2 * LARGEST_HELD_CURVATURE * B:
             meant = f'gf·cm/cm, as KES prints, write "{hysteresis:g} gf*cm/cm"'
             words = (
-                f"bending_hysteresis = {hysteresis:g} N: HB/B = {hysteresis / (2 * B):.3g}/m, in "
-                "fabrics 5 to 60/m"
+                f"bending_hysteresis = {hysteresis:g} N: HB/B = {hysteresis / (2 * B):.3g}/m, "
+                "in fabrics 5 to 60/m"
             )
             yield words, f"If you meant {meant}"
             break
 
 
 def _of_size(size: float) -> Iterator[Words]:
+    """Yield what is unlikely of the extent of the cloth [m]."""
     least, most = SIZES
     if size > most:
         words = f"the cloth is {size:.4g} m long: few are longer than {most:g} m"
@@ -104,18 +120,20 @@ def _of_size(size: float) -> Iterator[Words]:
 
 
 def _of_term(term: Any) -> Iterator[Words]:
-    if (
-        isinstance(term, Gravity)
-        and (size := float(np.linalg.norm(term.acceleration))) > LARGEST_GRAVITY
-    ):
-        words = f"Gravity has {size:g} m/s²: on Earth it is 9.81"
-        yield words, f"If you meant cm/s², write {size / 100:g}"
+    """Yield what is unlikely of gravity, a damping or a wind."""
+    if isinstance(term, Gravity):
+        size = float(np.linalg.norm(term.acceleration))
+        if size > LARGEST_GRAVITY:
+            words = f"Gravity has {size:g} m/s²: on Earth it is 9.81"
+            yield words, f"If you meant cm/s², write {size / 100:g}"
     if traits_of(term).damps in ("strain", "bending") and term.time > LARGEST_DAMPING_TIME:
         words = f"{type(term).__name__} has time = {term.time:g} s: cloth has less than 0.1"
         yield words, f"If you meant ms, write {term.time / 1000:g}"
-    if isinstance(term, Wind) and (speed := _speed(term.velocity)) > LARGEST_AIR_SPEED:
-        words = f"Wind blows at {speed:g} m/s: a hurricane has 33"
-        yield words, f"If you meant km/h, write {speed / 3.6:.3g}"
+    if isinstance(term, Wind):
+        speed = _speed(term.velocity)
+        if speed > LARGEST_AIR_SPEED:
+            words = f"Wind blows at {speed:g} m/s: a hurricane has 33"
+            yield words, f"If you meant km/h, write {speed / 3.6:.3g}"
 
 
 def _speed(velocity: Any) -> float:
@@ -126,7 +144,7 @@ def _speed(velocity: Any) -> float:
 
 
 def bending_length(B: float, density: float) -> float:
-    """Return Peirce's (B/(ρ g))^⅓ [m]."""
+    """Return Peirce's bending length (B/(ρ g))^⅓ [m], of B [N m] and the density ρ [kg/m²]."""
     return float((B / (density * g)) ** (1 / 3))
 
 

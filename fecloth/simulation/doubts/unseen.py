@@ -11,7 +11,7 @@ import numpy as np
 
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun, check_each
-from fecloth.simulation.doubts.signals import Signal, Span
+from fecloth.simulation.doubts.signals import ROUND_OFF_OF_SIGNAL, Signal, Span
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.step_times import step_times
@@ -23,7 +23,6 @@ LARGEST_MISSED = 0.25
 MISSED_BY_REMEDY = 0.12
 STEPS_AROUND = 5  # steps on each side of the step that misses most
 HALVINGS_OF_STEP = 12  # of dt, at most, in the search for a step that is short enough
-LEAST_DEVIATION = 1e-9  # over the largest value; less is round-off of the user's function
 LEAST_MOTION = 1e-3  # over the way of a motion; less does not matter beside its uniform part
 
 LEAST_ACTION = 0.1  # over the largest deviation; below it a load does not act
@@ -33,21 +32,27 @@ LEAST_PULSE = 0.05  # over the largest value of a load; a smaller deviation does
 STEP_OVER_PULSE = 0.25
 
 
-# --- between steps of a fixed size ----------------------------------------------------------------
+# --- between steps of a fixed size -------------------------------------------
 
 
 def find_missed(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt each motion or load that mostly acts between the ends of fixed steps."""
-    return check_each(run.signals if run.dt else (), _check_for_missed, run.dt)
+    if not run.dt:
+        return iter(())
+    return check_each(run.signals, _check_for_missed, run.dt)
 
 
 def _check_for_missed(signal: Signal, dt: float) -> Doubt | None:
+    """Return a doubt if steps miss much of a signal, on the whole and where they miss most."""
     share, near = missed_share(signal, dt, signal.span)
-    if not (share > LARGEST_MISSED and missed_share(signal, dt, near)[0] > LARGEST_MISSED):
+    if not share > LARGEST_MISSED:
+        return None
+    share_near, _ = missed_share(signal, dt, near)
+    if not share_near > LARGEST_MISSED:
         return None
     words = (
-        f"{signal.name} acts between the ends of the steps: {100 * min(share, 1):.0f} % of it is "
-        f"not seen by steps of {dt:g} s"
+        f"{signal.name} acts between the ends of the steps: {100 * min(share, 1):.0f} % of it "
+        f"is not seen by steps of {dt:g} s"
     )
     for shorter in dt * 0.5 ** np.arange(1, HALVINGS_OF_STEP):
         if _sees(signal, shorter, near):
@@ -56,13 +61,19 @@ def _check_for_missed(signal: Signal, dt: float) -> Doubt | None:
 
 
 def _sees(signal: Signal, dt: float, near: Span) -> bool:
-    """Return whether steps see a signal, on the whole and near the step that missed most of it."""
-    # Of a run of many steps the whole is left out: what its few samples meet is chance.
-    if missed_share(signal, dt, near)[0] > MISSED_BY_REMEDY:
+    """Return whether steps see a signal, in the whole run and in the span `near`.
+
+    `near` is where the steps of the run missed most of it. Of a run of many steps the whole is
+    left out: what its few samples meet is chance.
+    """
+    share_near, _ = missed_share(signal, dt, near)
+    if share_near > MISSED_BY_REMEDY:
         return False
     begin, end = signal.span
-    is_long = (end - begin) / dt > _most_steps(signal)
-    return is_long or missed_share(signal, dt, signal.span)[0] <= MISSED_BY_REMEDY
+    if (end - begin) / dt > _most_steps(signal):
+        return True
+    share, _ = missed_share(signal, dt, signal.span)
+    return share <= MISSED_BY_REMEDY
 
 
 def missed_share(signal: Signal, dt: float, span: Span) -> tuple[float, Span]:
@@ -79,11 +90,11 @@ def missed_share(signal: Signal, dt: float, span: Span) -> tuple[float, Span]:
     ends = np.append(span[0], step_times(span[0], dt, span[1]))
     share, worst = _missed(signal, ends)
     if len(ends) > 2:
-        share = max(share, _missed(signal, ends[:-1] + 0.5 * np.diff(ends))[0])
-    return share, (
-        ends[max(0, worst - STEPS_AROUND)],
-        ends[min(worst + 1 + STEPS_AROUND, len(ends) - 1)],
-    )
+        shifted = ends[:-1] + 0.5 * np.diff(ends)
+        share = max(share, _missed(signal, shifted)[0])
+    first = max(0, worst - STEPS_AROUND)
+    last = min(worst + 1 + STEPS_AROUND, len(ends) - 1)
+    return share, (ends[first], ends[last])
 
 
 def _most_steps(signal: Signal) -> int:
@@ -93,35 +104,53 @@ def _most_steps(signal: Signal) -> int:
 
 def _missed(signal: Signal, ends: np.ndarray) -> tuple[float, int]:
     """Return the share that the steps between these ends miss, and the step that misses most."""
-    s = signal.effort.inside
-    steps = len(ends) - 1
-    chosen = np.linspace(0, steps - 1, min(steps, _most_steps(signal))).round().astype(int)
-    begin = ends[chosen, None]
-    size = np.diff(ends)[chosen, None]
-    times = begin + size * np.concatenate([[0.0], s, [1.0]])
+    steps = _choose_steps(signal, len(ends) - 1)
+    inside = signal.effort.inside
+    sizes = np.diff(ends)[steps, None]
+    times = ends[steps, None] + sizes * np.concatenate([[0.0], inside, [1.0]])
     g = signal.values(times.ravel()).reshape(*times.shape, -1)
-    least = LEAST_DEVIATION * np.abs(g).max()
-    if signal.moves:
-        least = max(least, LEAST_MOTION * np.ptp(g.reshape(-1, g.shape[-1]), axis=0).max())
-        g = _without_uniform_motion(times, g)
-    lines = g[:, :1] + (g[:, -1:] - g[:, :1]) * s[:, None]
-    missed = np.abs(g[:, 1:-1] - lines).mean(axis=1) * size
-    whole = (np.abs(g[:, 1:-1]).mean(axis=1) * size).sum(axis=0)
+    g, least = _without_what_steps_see(signal, times, g)
+    begin = g[:, :1]
+    middle = g[:, 1:-1]
+    end = g[:, -1:]
+    lines = begin + (end - begin) * inside[:, None]
+    missed = np.abs(middle - lines).mean(axis=1) * sizes
+    whole = (np.abs(middle).mean(axis=1) * sizes).sum(axis=0)
     most = missed.sum(axis=0).max()
-    if not most > least * size.sum():
-        return 0.0, int(chosen[0])
+    if not most > least * sizes.sum():
+        return 0.0, int(steps[0])
     share = float(most / max(most, whole.max()))
-    if not signal.moves and len(chosen) == steps:
-        share = min(share, _missed_impulse(g[:, 1:-1], lines, size))
-    return share, int(chosen[missed.max(axis=1).argmax()])
+    if not signal.moves and len(steps) == len(ends) - 1:
+        share = min(share, _missed_impulse(middle, lines, sizes))
+    worst = missed.max(axis=1).argmax()
+    return share, int(steps[worst])
+
+
+def _choose_steps(signal: Signal, number: int) -> np.ndarray:
+    """Return the numbers of the steps that are looked at: all, or a part, evenly spread."""
+    count = min(number, _most_steps(signal))
+    return np.linspace(0, number - 1, count).round().astype(int)
+
+
+def _without_what_steps_see(
+    signal: Signal, times: np.ndarray, g: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Return g (m, s, k) at times (m, s) without a uniform motion, and the least that counts."""
+    least = ROUND_OFF_OF_SIGNAL * np.abs(g).max()
+    if not signal.moves:
+        return g, least
+    way = np.ptp(g.reshape(-1, g.shape[-1]), axis=0).max()
+    return _without_uniform_motion(times, g), max(least, LEAST_MOTION * way)
 
 
 def _missed_impulse(g: np.ndarray, lines: np.ndarray, size: np.ndarray) -> float:
     """Return the share of the impulse of g (m, s, k) that its lines miss in m steps of `size`."""
-    impulse, wrong = (np.cumsum(y.mean(axis=1) * size, axis=0) for y in (g, g - lines))
-    beside = impulse - impulse[-1:] * np.cumsum(size, axis=0) / size.sum()
-    swing = (beside.max(axis=0, initial=0.0) - beside.min(axis=0, initial=0.0)).max()
-    return float(np.abs(wrong).max() / max(swing, np.abs(wrong).max(), 1e-300))
+    impulse = np.cumsum(g.mean(axis=1) * size, axis=0)
+    missed = np.abs(np.cumsum((g - lines).mean(axis=1) * size, axis=0)).max()
+    uniform = impulse[-1:] * np.cumsum(size, axis=0) / size.sum()
+    beside = impulse - uniform
+    change = (beside.max(axis=0, initial=0.0) - beside.min(axis=0, initial=0.0)).max()
+    return float(missed / max(change, missed, 1e-300))
 
 
 def _without_uniform_motion(times: np.ndarray, g: np.ndarray) -> np.ndarray:
@@ -132,7 +161,7 @@ def _without_uniform_motion(times: np.ndarray, g: np.ndarray) -> np.ndarray:
     return (flat - flat.mean(axis=0) - t[:, None] * slope).reshape(g.shape)
 
 
-# --- shorter than steps that are chosen in the run ------------------------------------------------
+# --- shorter than steps that are chosen in the run ---------------------------
 
 
 def find_short_pulses(run: PlannedRun) -> Iterator[Doubt]:
@@ -147,19 +176,25 @@ def find_short_pulses(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def _check_for_pulse(signal: Signal, run: PlannedRun, longest: float) -> Doubt | None:
-    is_sampled = isinstance(run.steps, Adaptive | Auto)
-    looks = (PINS if signal.kind == "pin" else LOADS) if is_sampled else ()
+    """Return a doubt if the longest step [s], with its samples, may jump over a pulse."""
     begin, length = shortest_pulse(signal, run.ends)
-    if not length < float(np.diff([0.0, *looks, 1.0]).max()) * longest:
+    if not length < _largest_gap(signal, run) * longest:
         return None
     words = (
         f"{signal.name} acts for {length:.2g} s at t = {begin:.4g} s, and the chosen "
         f"steps, of up to {longest:.2g} s, may jump over it"
     )
-    remedy = (
-        f"take longest = {STEP_OVER_PULSE * length:.1g} [s] for Adaptive, Auto or [time] of a scene"
-    )
+    shorter = f"longest = {STEP_OVER_PULSE * length:.1g} [s]"
+    remedy = f"take {shorter} for Adaptive, Auto or [time] of a scene"
     return Doubt(DoubtKind.MISSED, words, remedy)
+
+
+def _largest_gap(signal: Signal, run: PlannedRun) -> float:
+    """Return the largest distance of two looks at a signal, as a part of a step."""
+    inside = np.zeros(0)
+    if isinstance(run.steps, Adaptive | Auto):
+        inside = PINS if signal.kind == "pin" else LOADS
+    return float(np.diff([0.0, *inside, 1.0]).max())
 
 
 def longest_step(run: PlannedRun) -> float:
@@ -181,32 +216,48 @@ def shortest_pulse(signal: Signal, ends: np.ndarray) -> tuple[float, float]:
     does not. A uniform change is taken off first. What acts at the start or the end of a run is
     no pulse, nor is one with a stop inside, of the `ends` of steps: the steps see it there.
     """
+    times, deviation, least = _deviation(signal)
+    none = float(times[0]), math.inf
+    acts = deviation > LEAST_ACTION * deviation.max()
+    if not deviation.max() > least or acts.mean() > LONGEST_PULSE:
+        return none
+    stops = np.searchsorted(times, ends)
+    pulses = [
+        (before, last)
+        for before, last in _find_pulses(acts)
+        if not ((stops > before + 1) & (stops <= last)).any()
+    ]
+    if not pulses:
+        return none
+    before, last = min(pulses, key=lambda pulse: pulse[1] - pulse[0])
+    return float(times[before + 1]), float((last - before) * (times[1] - times[0]))
+
+
+def _deviation(signal: Signal) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return even times (m,), how far a signal deviates there (m,), and the least that matters.
+
+    It deviates from its median, after a uniform change has been taken off: the difference of the
+    medians of both halves of the run.
+    """
     times, g = signal.samples
     if signal.moves:
-        scale = np.ptp(g, axis=0).max() * LEAST_MOTION
+        least = LEAST_MOTION * np.ptp(g, axis=0).max()
     else:
-        scale = np.abs(g).max() * LEAST_PULSE
+        least = LEAST_PULSE * np.abs(g).max()
     half = len(times) // 2
     index = np.arange(len(times))[:, None]
-    rate = np.median(g[-half:], axis=0) - np.median(g[:half], axis=0)
-    g = g - rate * index / (len(times) - half)
+    change = np.median(g[-half:], axis=0) - np.median(g[:half], axis=0)
+    g = g - change * index / (len(times) - half)
     g -= np.median(g, axis=0)
-    deviation = np.abs(g, out=g).max(axis=1)
-    acts = deviation > LEAST_ACTION * deviation.max()
-    none = float(times[0]), math.inf
-    if not deviation.max() > scale or acts.mean() > LONGEST_PULSE:
-        return none
+    g = np.abs(g, out=g)  # in place: these may be 100 MB
+    return times, g.max(axis=1), least
+
+
+def _find_pulses(acts: np.ndarray) -> list[tuple[int, int]]:
+    """Return the sample before each pulse and its last one; `acts` (m,) is true in pulses."""
     changes = np.diff(acts.astype(int))
     begins = np.flatnonzero(changes > 0)
     finishes = np.flatnonzero(changes < 0)
-    finishes = finishes[finishes > begins[0]] if len(begins) else finishes
-    stops = np.searchsorted(times, ends)
-    pairs = [
-        (first, last)
-        for first, last in zip(begins, finishes, strict=False)
-        if not ((stops > first + 1) & (stops <= last)).any()
-    ]
-    if not pairs:
-        return none
-    first, last = min(pairs, key=lambda pair: pair[1] - pair[0])
-    return float(times[first + 1]), float((last - first) * (times[1] - times[0]))
+    if len(begins):  # what acts at the start of the run has no begin
+        finishes = finishes[finishes > begins[0]]
+    return list(zip(begins, finishes, strict=False))
