@@ -194,9 +194,9 @@ class AutoSolver:
         """Solve A x = b (n, 3) by the solver in use; return x (n, 3) and its `SolveInfo`.
 
         If it fails or takes more than a factor (`FIRST_PATIENCE`, `PATIENCE`) times the guess of
-        the cheapest other solver, that one takes over and solves at once. The work goes into the averages. Raises
-        `IndefiniteMatrix` if A is not positive definite, and `SolveFailed` if the direct solver
-        fails.
+        the cheapest other solver, that one takes over and solves at once. The work goes into the
+        averages. Raises `IndefiniteMatrix` if A is not positive definite, and `SolveFailed` if
+        the direct solver fails.
         """
         A, _, _ = check_arguments(self._A, b, rtol)
         others = [mode for mode in self._make if mode not in ("pcg", self._mode)] or ["direct"]
