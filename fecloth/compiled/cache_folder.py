@@ -17,7 +17,7 @@ from pathlib import Path
 
 @cache
 def cache_folder() -> str:
-    """Folder for the machine code of the kernels of these sources.
+    """Return the folder for the machine code of the kernels of these sources; make it if needed.
 
     It lies in ``$NUMBA_CACHE_DIR``, else ``$XDG_CACHE_HOME``, else ``~/.cache``, else in the
     temporary directory: in the first one where it can be written and `can_be_trusted`. If there
@@ -29,6 +29,7 @@ def cache_folder() -> str:
         os.environ.get("XDG_CACHE_HOME"),
         os.path.expanduser("~/.cache"),
     ]
+    # all users share the temporary directory: each has a folder of his own there
     user = os.getuid() if os.name == "posix" else ""
     folders = [Path(os.path.realpath(base)) / name for base in bases if base]
     folders.append(Path(os.path.realpath(tempfile.gettempdir())) / f"{name}-{user}")
@@ -94,12 +95,12 @@ def _make(folder: Path) -> bool:
 
 
 def _warn_of(folders: list[Path]) -> None:
-    """Warn of folders that can be written but not be trusted."""
+    """Warn of `folders` that can be written but not be trusted; without any, do nothing."""
     if folders:
         names = ", ".join(map(str, folders))
-        words = (
+        message = (
             f"machine code is compiled anew for this process: other users can change what is in "
             f"{names}. Remove it, and take the right to write from group and others on the "
             f"folders above it (chmod go-w), or set NUMBA_CACHE_DIR to a folder of your own."
         )
-        warnings.warn(words, RuntimeWarning, stacklevel=2)
+        warnings.warn(message, RuntimeWarning, stacklevel=2)

@@ -73,10 +73,11 @@ class JoinedCalls:
 
 @global_compiler_lock
 def join(calls: Calls) -> JoinedCalls:
-    """Make one function of calls: it makes them in order, on the same arrays each time.
+    """Make one compiled function of several calls: it makes them in order.
 
-    Numbers keep the value that they have now; arrays may change in place. The results of the
-    kernels are not used.
+    Their arguments become constants of the code. So the function always works on the same arrays,
+    which may change in place, and with the present values of numbers. The results of the kernels
+    are not used. Of a `SharedCall` it makes the call that one thread makes alone.
     """
     name = f"fecloth_calls_{next(_numbers)}"
     library = cpu_target.target_context.codegen().create_library(name)
@@ -91,22 +92,30 @@ def join(calls: Calls) -> JoinedCalls:
 
 
 def _add_call(body: ir.IRBuilder, function: Any, arguments: tuple[Any, ...]) -> None:
-    """Add the call of a kernel, which is compiled or read from disk if necessary."""
+    """Add the call of a kernel with these arguments to the code of a function.
+
+    The kernel is compiled or read from disk if necessary. The module says how Numba's compiled
+    functions take their arguments.
+    """
     signature = tuple(numba.typeof(argument) for argument in arguments)
     function.compile(signature)
     compiled = function.overloads[signature]
     address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
     convention = cpu_target.target_context.call_conv
-    kind = convention.get_function_type(compiled.signature.return_type, signature)
-    result, error, *leaves = kind.args
-    pointer = body.inttoptr(ir.Constant(WORD, address), kind.as_pointer())
-    words = zip(leaves, _words(arguments), strict=True)
-    values = [_constant(leaf, word) for leaf, word in words]
+    function_type = convention.get_function_type(compiled.signature.return_type, signature)
+    result, error, *word_types = function_type.args
+    pointer = body.inttoptr(ir.Constant(WORD, address), function_type.as_pointer())
+    typed_words = zip(word_types, _words(arguments), strict=True)
+    values = [_constant(word_type, word) for word_type, word in typed_words]
+    # the function writes its result and its error somewhere: nobody reads them
     body.call(pointer, [body.alloca(result.pointee), body.alloca(error.pointee), *values])
 
 
 def _words(value: Any) -> Iterator[float]:
-    """Yield the numbers that stand for a value in Numba's convention."""
+    """Yield the numbers that stand for a value in Numba's convention, see the module.
+
+    An array has seven or more, a tuple those of its parts, and a number itself.
+    """
     if isinstance(value, np.ndarray):
         yield from (0, 0, value.size, value.itemsize, value.ctypes.data)
         yield from (*value.shape, *value.strides)
@@ -117,13 +126,13 @@ def _words(value: Any) -> Iterator[float]:
         yield value
 
 
-def _constant(leaf: Any, word: float) -> Any:
-    """A number as a constant of LLVM's type `leaf`."""
-    if isinstance(leaf, ir.PointerType):
-        return ir.Constant(WORD, int(word)).inttoptr(leaf)
-    if isinstance(leaf, ir.DoubleType):
-        return ir.Constant(leaf, float(word))
-    return ir.Constant(leaf, int(word))
+def _constant(word_type: Any, word: float) -> Any:
+    """Return a number as a constant of a type of LLVM."""
+    if isinstance(word_type, ir.PointerType):
+        return ir.Constant(WORD, int(word)).inttoptr(word_type)
+    if isinstance(word_type, ir.DoubleType):
+        return ir.Constant(word_type, float(word))
+    return ir.Constant(word_type, int(word))
 
 
 def _call(typing: Any, address: Any) -> Any:

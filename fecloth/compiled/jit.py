@@ -138,7 +138,10 @@ def specialise(template: Callable[..., Result], **functions: Callable) -> Callab
 
 
 def _copy(function: Any, qualified_name: str, names: dict) -> Any:
-    """Copy a function with another name in the cache, and with `names` for its globals."""
+    """Copy a plain function, with `names` for its globals.
+
+    `qualified_name` is the name by which Numba finds the machine code on disk.
+    """
     code = function.__code__
     closure = function.__closure__
     copy = FunctionType(code, names, function.__name__, function.__defaults__, closure)
@@ -189,12 +192,13 @@ def fingerprint(function: Callable) -> str | None:
 
 
 def _function_content(function: Callable, seen: dict[int, int]) -> tuple:
-    """Describe a plain function by texts that are the same in every process.
+    """Describe a plain function by a tuple that is the same in every process.
 
-    `seen` has a number for each function and module that was described before: they may call
-    each other.
+    It has the bytecode, the default values, and all that the function takes from globals and
+    closures. `seen` has a number for each function and module that was described before, by its
+    id; the function is added to it. Raises `_UnknownContent` where a part cannot be described.
     """
-    if id(function) in seen:
+    if id(function) in seen:  # functions may call each other
         return ("seen", seen[id(function)])
     seen[id(function)] = len(seen)
     if function.__module__ not in sys.modules:  # Numba imports it to read the machine code
@@ -209,13 +213,17 @@ def _function_content(function: Callable, seen: dict[int, int]) -> tuple:
     except (KeyError, ValueError) as error:  # not yet defined
         raise _UnknownContent(str(error)) from error
     contents = [_content(value, seen, attributes) for value in values]
-    kwdefaults = sorted((function.__kwdefaults__ or {}).items())
-    defaults = _content([function.__defaults__, kwdefaults], seen, ())
+    keyword_defaults = sorted((function.__kwdefaults__ or {}).items())
+    defaults = _content([function.__defaults__, keyword_defaults], seen, ())
     return function.__module__, described, defaults, *contents
 
 
 def _content(value: Any, seen: dict[int, int], attributes: tuple[str, ...]) -> tuple:
-    """Describe a value that a function uses; of a module, only its `attributes`."""
+    """Describe a value that a function uses, by a tuple that is the same in every process.
+
+    Of a module only the `attributes` count, the names that the function uses; of a module of a
+    library none. Raises `_UnknownContent` for a value that cannot be described.
+    """
     kind = type(value).__qualname__
     if isinstance(value, Dispatcher):
         options = sorted(value.targetoptions.items())
@@ -228,30 +236,33 @@ def _content(value: Any, seen: dict[int, int], attributes: tuple[str, ...]) -> t
         return kind, *sorted(repr(_content(item, seen, ())) for item in value)
     if isinstance(value, np.ndarray):
         if value.dtype.hasobject:
-            raise _UnknownContent(repr(value))
+            raise _UnknownContent(repr(value))  # its bytes are addresses
         return kind, value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, ModuleType):
         if id(value) in seen:
             return ("seen", seen[id(value)])
         seen[id(value)] = len(seen)
         if _is_of_library(value.__name__):
-            used = set[str]()
+            used_names = set[str]()  # Numba itself checks the versions of libraries
         else:
-            used = set(attributes) & vars(value).keys()
-        parts = (_content(vars(value)[name], seen, attributes) for name in sorted(used))
+            used_names = set(attributes) & vars(value).keys()
+        parts = (_content(vars(value)[name], seen, attributes) for name in sorted(used_names))
         return kind, value.__name__, *parts
     home = getattr(value, "__module__", None) or type(value).__module__
-    compiled = home.startswith("numba") and not isinstance(value, type | FunctionType | Type)
-    if compiled or not _is_of_library(home):
+    # another object of Numba's compiler: what it holds is not known
+    is_compiled = home.startswith("numba") and not isinstance(value, type | FunctionType | Type)
+    if is_compiled or not _is_of_library(home):
         raise _UnknownContent(repr(value))
     return kind, home, getattr(value, "__qualname__", repr(value))
 
 
 @cache
 def _describe_code(code: CodeType) -> tuple[tuple, tuple[str, ...], tuple[str, ...]]:
-    """The bytecode with its constants, the names of the globals, and all names that it uses.
+    """Describe the code of a function and of the functions that are defined inside it.
 
-    The last are the names of attributes and of globals.
+    Return three tuples: the bytecode of each with its constants; the names of the globals that
+    they load; and all names that they use, of globals and of attributes. Both lists of names are
+    sorted, so that they are the same in every process.
     """
     nested = [_describe_code(item) for item in code.co_consts if isinstance(item, CodeType)]
     constants = [item for item in code.co_consts if not isinstance(item, CodeType)]

@@ -40,7 +40,7 @@ MOST_THREADS = 256
 
 
 def number_of_threads(threads: Any, where: str = "System") -> int:
-    """The number of threads that "auto" or a number stands for.
+    """Return the number of threads that "auto" or a number stands for.
 
     "auto" means all that Numba may start: one on each core that the process may use, or
     ``NUMBA_NUM_THREADS``. Raises `InputError`, with the place `where`, for any other value.
@@ -48,6 +48,7 @@ def number_of_threads(threads: Any, where: str = "System") -> int:
     if isinstance(threads, str) and threads == "auto":
         config: Any = numba.config  # its types lack the settings
         return int(config.NUMBA_NUM_THREADS)
+    # True is a number for Python
     is_whole = isinstance(threads, int | np.integer) and not isinstance(threads, bool)
     if not (is_whole and 1 <= threads <= MOST_THREADS):
         allowed = f'must be "auto" or a whole number from 1 to {MOST_THREADS}'
@@ -97,13 +98,13 @@ class ThreadChoice:
         The mode between calibrations.
     spent
         Time of all calls in each mode [s].
-    usual
-        Time that one thread takes for a unit of work [s].
+    time_of_one
+        Time that one thread takes for a unit of work [s]; 0 before the first calibration.
     """
 
     best: Mode = Mode.ONE
     spent: dict[Mode, float] = field(default_factory=lambda: dict.fromkeys(Mode, 0.0))
-    usual: float = 0.0
+    time_of_one: float = 0.0
     _times: dict[Mode, list[float]] = field(default_factory=lambda: {mode: [] for mode in Mode})
     _set_up: set[Mode] = field(default_factory=set)
     _tried_seconds: float = 0.0  # in this calibration
@@ -120,34 +121,43 @@ class ThreadChoice:
         return Mode.ONE
 
     def tell(self, mode: Mode, seconds: float, units: float = 1.0) -> None:
-        """Take note of the time and the units of work of a call."""
+        """Take note of a call in a mode: its time [s] and its units of work.
+
+        Between calibrations it counts the time that all threads have lost, compared with one
+        thread, and lets one thread take over if that is much. In a calibration it is a trial.
+        """
         self.spent[mode] += seconds
         if self._rest > 0:
             self._rest -= seconds
+            time_of_one = units * self.time_of_one
             if mode is Mode.ALL:
-                self._lost = max(self._lost + seconds - units * self.usual, 0.0)
-            if self._lost > max(2 * units * self.usual, LARGEST_LOSS * SHORTEST_REST):
+                self._lost = max(self._lost + seconds - time_of_one, 0.0)
+            if self._lost > max(2 * time_of_one, LARGEST_LOSS * SHORTEST_REST):
                 self._begin_rest(Mode.ONE, self._lost)
             return
         self._tried_seconds += seconds
         self._tried_units += units
-        if mode in self._set_up:
+        if mode in self._set_up:  # the first call in a mode sets up the loop, and is no trial
             self._times[mode].append(seconds / units)
             self._conclude()
         self._set_up.add(mode)
 
     def _conclude(self) -> None:
-        """End the calibration if there are enough trials, or the units are too short."""
+        """End the calibration if there are enough trials, or the units are too short.
+
+        Then take the faster mode, until the time that the calibration has lost is
+        `LARGEST_LOSS` of the time since.
+        """
         trials = self._times[Mode.ALL]
-        self.usual = median(self._times[Mode.ONE])
-        is_short = self.usual < SHORTEST_UNIT
+        self.time_of_one = median(self._times[Mode.ONE])
+        is_short = self.time_of_one < SHORTEST_UNIT
         if len(trials) < TRIALS and not is_short:
             return
         on_all = median(trials) if trials else math.inf
         best = Mode.ONE
-        if on_all < LARGEST_TIME_RATIO * self.usual and not is_short:
+        if on_all < LARGEST_TIME_RATIO * self.time_of_one and not is_short:
             best = Mode.ALL
-        lost = self._tried_seconds - self._tried_units * min(self.usual, on_all)
+        lost = self._tried_seconds - self._tried_units * min(self.time_of_one, on_all)
         self._begin_rest(best, lost)
 
     def _begin_rest(self, mode: Mode, lost: float) -> None:
@@ -162,12 +172,12 @@ class ThreadChoice:
     @property
     def portion(self) -> int:
         """Units of work to do in the next call of a loop that iterates."""
-        if not self.usual:
+        if not self.time_of_one:
             return 1
         seconds = PORTION
         if self._rest <= 0:
             seconds = PORTION / TRIALS
-        return math.ceil(seconds / self.usual)
+        return math.ceil(seconds / self.time_of_one)
 
 
 class Team:
@@ -208,15 +218,16 @@ class Team:
         together: Callable[[], Result],
         count: Callable[[Result], float] = lambda result: 1.0,
     ) -> Result:
-        """Return alone(), or together(), which calls `run`; both must have the same result.
+        """Do a loop by alone() on one thread, or by together() on all; return the result.
 
-        For "auto" the times of the calls with the same `name` are compared, as times of a unit
-        of work: `count` takes the number of units from the result.
+        Both must have the same result; together() calls `run`. A given number of threads is
+        always used. For "auto" a `ThreadChoice` for this `name` decides, from the times of a
+        unit of work in earlier calls: `count` takes the number of units from the result.
         """
         if self.count == 1:
             return alone()
         if self.threads != "auto":
-            self.has_shared = True
+            self.has_shared = True  # for `used`
             return together()
         choice = self.choices.setdefault(name, ThreadChoice())
         mode = choice.ask()
@@ -234,11 +245,11 @@ class Team:
     def each(
         self, size: int, call: Callable[[slice], Call], name: object = None, unit: int = 1
     ) -> None:
-        """Call a kernel for all of `size` elements, on one thread or in parts.
+        """Call a kernel for all of `size` elements, on one thread or in one part for each.
 
         ``call(part)`` returns the kernel and its arguments for a range of elements. The kernel
         must write only what belongs to its elements. Parts begin at multiples of `unit`
-        elements. `name` is as for `do`.
+        elements. `name` tells loops by the same kernel apart, whose times `do` compares.
         """
         function, arguments = call(slice(0, size))
         if not self.shares(size):
@@ -261,7 +272,8 @@ class Team:
         """Call part(p) for each thread p at once; return part(0), of the calling thread.
 
         `meeting` is the counter of `wait`, if the parts wait for each other. If another Python
-        thread uses the workers, this call waits for them.
+        thread uses the workers, this call waits for them. An error of a part is raised when all
+        parts have ended: the error of the calling thread, or else of the first other one.
         """
         if self.count == 1:
             return part(0)
@@ -270,7 +282,7 @@ class Team:
             try:
                 return part(p)
             except BaseException:
-                if meeting is not None:
+                if meeting is not None:  # the other parts would wait for this one for ever
                     meeting[0] = GIVE_UP
                 raise
 

@@ -89,7 +89,7 @@ def wait(member: Member) -> None:
     """
     if member.threads > 1:
         _arrive(member.meeting)
-        arrivals = member.threads * member.round_[0]
+        arrivals = member.threads * member.round_[0]  # of all threads, since the loop began
         looks = 0
         while _look(member.meeting) < arrivals:
             looks += 1
@@ -142,7 +142,10 @@ class Worker:
         return error
 
     def _serve(self) -> None:
-        """What the thread does: all calls, one after another."""
+        """Make all calls, one after another: this is what the thread does, without an end.
+
+        The error of a call, or None, is put in a queue, from which `end` takes it.
+        """
         calls = 0
         while True:
             error: BaseException | None = None

@@ -150,7 +150,7 @@ class Worker:
         """Nodes of the whole cloth, and their limits, of `ReactionLimits`."""
         limits = self.system.reaction_limits
         own = self.part.is_own[limits.nodes]
-        return self.part.nodes[limits.nodes[own]], limits.most[own]
+        return self.part.nodes[limits.nodes[own]], limits.largest[own]
 
     def over_step(self, key, new, step: StepDifference) -> None:
         """Keep the term over a step by the key `new`."""

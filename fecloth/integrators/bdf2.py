@@ -66,19 +66,22 @@ class BDF2(WithMemory):
     )
 
     def stage(self, state: State, dt: float, last: Change) -> Stage:
-        """The stage of a step from `state`, after the change that led there."""
-        e, h = _coefficients(dt, last)
-        x = state.x + e * last.dx + h * state.v
+        """Return the stage of a step of BDF2 from `state`; the unknown is q = v₁ − v₀.
+
+        `last` are the changes in the step before.
+        """
+        e, b_dt = _coefficients(dt, last)
+        x = state.x + e * last.dx + b_dt * state.v  # x₁ with q = 0
         return Stage(
             t=state.t + dt,
             x=x,
             v=state.v,
-            a=-e / h * last.dv,
-            wx=h,
+            a=-e / b_dt * last.dv,
+            wx=b_dt,
             wv=1.0,
-            wa=1.0 / h,
+            wa=1.0 / b_dt,
             x_end=x,
-            w_end=h,
+            w_end=b_dt,
         )
 
     def difference(self, state: State, dt: float, last: Change | None) -> StepDifference:
@@ -92,42 +95,48 @@ class BDF2(WithMemory):
             half_step = 0.5 * dt * state.v
             past = (1.0, x), (0.5, x + half_step), (-0.5, x - half_step)
             return StepDifference(x, dt, 0.5 * dt, past, t=state.t)
-        e, h = _coefficients(dt, last)
-        return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)), t=state.t)
+        e, b_dt = _coefficients(dt, last)
+        both_before = (1 + e, x), (-e, x - last.dx)
+        return StepDifference(x, dt, b_dt, both_before, t=state.t)
 
     def _take(self, begin: Begin, solver: SolverContext) -> Step:
-        """One step; a step in which the force of contact jumps is taken again by backward Euler.
+        """Take one step; if the force of contact jumps in it, take it again by backward Euler.
 
-        In an impact the memory of the motion before would throw the cloth off.
+        In an impact the memory of the motion before would throw the cloth off. The counts of
+        the step are then the sums of both.
         """
         step = super()._take(begin, solver)
-        last = begin.memory
-        after = cast(Change, step.memory)
-        if last is None or last.jumped or not after.jumped:
+        memory = begin.memory
+        new_memory = cast(Change, step.memory)
+        was_backward_euler = memory is None or memory.jumped  # with contact, see `_open`
+        if was_backward_euler or not new_memory.jumped:
             return step
-        again = super()._take(begin._replace(memory=replace(last, jumped=True)), solver)
+        # `_open` takes backward Euler after a memory that has jumped
+        marked = begin._replace(memory=replace(memory, jumped=True))
+        again = super()._take(marked, solver)
         return replace(again, counts=step.counts.plus(again.counts))
 
     def _open(self, begin: Begin, solver: SolverContext | None) -> Opening:
-        """Open a step after the step that left this memory; q = v₁ − v₀.
+        """Open a step after the step that left the memory of `begin`; q = v₁ − v₀.
 
         The first step is a step of the trapezoidal rule. With contact it is a step of backward
         Euler, and so is the step after a step in which the force of contact jumped: they do
         not depend on the force at their begin. That force is not known, as a cloth that stands
         still may be held by any friction below the limit. BDF2 remains of second order with one
-        step of first order.
+        step of first order. `solver` serves the trapezoidal rule only.
         """
         system, state, dt, memory, history = begin
-        contact = any(term.needs_end for term in system.bound)
-        if contact and (memory is None or memory.jumped):
+        has_contact = any(term.needs_end for term in system.bound)
+        if has_contact and (memory is None or memory.jumped):
             opening = BackwardEuler()._open(begin._replace(memory=None), solver)
-            return replace(opening, memory=memory)
+            return replace(opening, memory=memory)  # `close` compares the force with this memory
         over = system.over_step(self.difference(state, dt, memory), history)
         if memory is None:
             return Newmark()._open(begin, solver, over)
         end = begin.end
         stage = self.stage(state, dt, memory)
-        stage = hold_stage(system, stage, end, stage.a + stage.wa * (end.v - state.v))
+        a_held = stage.a + stage.wa * (end.v - state.v)  # a₁ where the pins prescribe v₁
+        stage = hold_stage(system, stage, end, a_held)
         before = system.with_history(history)
         return Opening(
             method=self,
@@ -150,12 +159,12 @@ class BDF2(WithMemory):
         _, v, a = stage.at(q)
         new, ending = arrive(opening, opening.end.t, stage.x_end + stage.w_end * q, v)
         forces = ending | {"ends": (opening.system, opening.begin), "a": a, "share": 1.0}
-        return Step(new, new, _memory(opening, new), counts, **forces)
+        return Step(new, new, _make_memory(opening, new), counts, **forces)
 
     def _close_first(self, opening: Opening, q: np.ndarray, counts: Counts) -> Step:
         """Close the first step by the method that opened it, with the memory of BDF2."""
         step: Step = opening.method.close(opening, q, counts)
-        memory = _memory(opening, step.state)
+        memory = _make_memory(opening, step.state)
         if step.ends:
             return replace(step, memory=memory)
         a = (step.state.v - opening.begin.v) / opening.dt
@@ -169,8 +178,12 @@ def _coefficients(dt: float, last: Change) -> tuple[float, float]:
     return r**2 / (1 + 2 * r), (1 + r) / (1 + 2 * r) * dt
 
 
-def _memory(opening: Opening, new: State) -> Change:
-    """The changes in the step from an opening to a new state."""
+def _make_memory(opening: Opening, new: State) -> Change:
+    """Return the changes in the step from `opening` to the state `new`, the next memory.
+
+    With contact the memory also has the force of the contacts in the new state, and whether it
+    has jumped since the last step, see `FORCE_JUMP` and `MOMENTUM_JUMP`.
+    """
     old = opening.begin
     last = opening.memory
     change = Change(new.t - old.t, new.x - old.x, new.v - old.v)
@@ -182,10 +195,12 @@ def _memory(opening: Opening, new: State) -> Change:
     norm = opening.system.sums.norm
     for contact in contacts:
         contact.add_force(new.x, new.v, new.t, push)
-    before = push if last is None else last.push
-    changed = norm(push - before)
-    is_touched = (push != 0.0) | (before != 0.0)
-    momentum = norm(opening.system.mass_times(old.v) * is_touched.any(axis=1, keepdims=True))
-    force_jumps = changed > FORCE_JUMP * max(norm(push), norm(before))
-    momentum_jumps = change.dt * changed > MOMENTUM_JUMP * momentum
+    # in the first step the force before is not known: it counts as unchanged
+    old_push = push if last is None else last.push
+    change_of_push = norm(push - old_push)
+    is_pushed = (push != 0.0) | (old_push != 0.0)
+    is_touched = is_pushed.any(axis=1, keepdims=True)  # (n, 1)
+    momentum = norm(opening.system.mass_times(old.v) * is_touched)
+    force_jumps = change_of_push > FORCE_JUMP * max(norm(push), norm(old_push))
+    momentum_jumps = change.dt * change_of_push > MOMENTUM_JUMP * momentum
     return replace(change, push=push, jumped=bool(force_jumps and momentum_jumps))

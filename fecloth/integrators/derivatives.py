@@ -60,17 +60,17 @@ class StepTangents:
         Whether the tangents are symmetric.
     context
         The solver of the run; its linear solver holds the matrix of the last iteration.
-    count
+    parameters
         Number of parameters.
     tolerance
         Relative error of the unknown's derivative.
-    own
+    exact_solver
         The linear solver and the matrix of exact tangents; None until they are needed.
-    solution, exact
-        The solution of the last step, and the solution for which `own` is prepared.
-    number
+    solution, exact_solution
+        The solution of the last step, and the solution for which `exact_solver` is prepared.
+    steps
         Number of steps so far.
-    known, usual
+    contractions, earlier_contractions
         Contraction of the corrections by the name of the solver, see `correct`: in this step,
         and in the steps before.
     """
@@ -78,38 +78,42 @@ class StepTangents:
     system: System
     symmetric: bool
     context: SolverContext
-    count: int
+    parameters: int
     tolerance: float
-    own: Any = None
+    exact_solver: Any = None
     solution: Solution | None = None
-    exact: Solution | None = None
-    number: int = 0
-    known: dict[str, float] = field(default_factory=dict)
-    usual: dict[str, float] = field(default_factory=dict)
+    exact_solution: Solution | None = None
+    steps: int = 0
+    contractions: dict[str, float] = field(default_factory=dict)
+    earlier_contractions: dict[str, float] = field(default_factory=dict)
 
     def solvers(self, solution: Solution, has_matrix: bool) -> dict[str, Callable[[], Map]]:
-        """The solvers to try for this step, in their order: "held" is the factor of the run.
+        """Return functions that prepare a solver of J y = b for this step, by the solver's name.
 
-        `has_matrix` says whether the run has a matrix of this step.
+        They are in the order in which to try them. "held" has the factor of the run, "exact" a
+        factor of its own. `has_matrix` says whether the run has a matrix of this step. Once the
+        exact factor of this step is made, it alone is returned. The first call with a new
+        solution begins a new step: the contractions so far become those of earlier steps.
         """
         if self.solution is not solution:
             self.solution = solution
-            self.number += 1
-            self.usual = {**self.usual, **self.known}
-            self.known = {}
+            self.steps += 1
+            self.earlier_contractions = {**self.earlier_contractions, **self.contractions}
+            self.contractions = {}
         held = partial(self._hold_factor, solution)
         exact = partial(self._make_exact, solution)
-        saved = self.count * (self._solves_with("held") - self._solves_with("exact"))
-        price = PRICES.get(self.context.matrix_solver()[0].name, math.inf)
-        is_trial = self.number % STEPS_BETWEEN_TRIALS == 0
-        is_better = saved > price and not is_trial
-        if self.exact is solution or is_better or not has_matrix:
+        saved_solves = self.parameters * (self._solves_with("held") - self._solves_with("exact"))
+        solves_per_factor = PRICES.get(self.context.matrix_solver()[0].name, math.inf)
+        # the contraction of the run's factor is only measured where that factor is used
+        is_trial = self.steps % STEPS_BETWEEN_TRIALS == 0
+        exact_is_better = saved_solves > solves_per_factor and not is_trial
+        if self.exact_solution is solution or exact_is_better or not has_matrix:
             return {"exact": exact}
         return {"held": held, "exact": exact}
 
     def _solves_with(self, name: str) -> float:
         """Number of solves for a parameter, as its corrections have shrunk before."""
-        contraction = self.usual.get(name, ASSUMED_CONTRACTION)
+        contraction = self.earlier_contractions.get(name, ASSUMED_CONTRACTION)
         return max(1.0, math.log(self.tolerance) / math.log(contraction))
 
     def _hold_factor(self, solution: Solution) -> Map:
@@ -117,12 +121,13 @@ class StepTangents:
         return _solve_with(self.context.matrix_solver()[0], solution)
 
     def _make_exact(self, solution: Solution) -> Map:
-        """b ↦ J⁻¹ b with a factor of the tangent at the solution."""
-        self.own = self.own or self.system.linear_solver("direct", self.symmetric)[:2]
-        linear, matrix = self.own
-        if self.exact is not solution:
+        """b ↦ J⁻¹ b with a factor of the tangent at the solution, made once for a solution."""
+        if self.exact_solver is None:
+            self.exact_solver = self.system.linear_solver("direct", self.symmetric)[:2]
+        linear, matrix = self.exact_solver
+        if self.exact_solution is not solution:
             linear.prepare(solution.opening.tangent(solution.q, matrix))
-            self.exact = solution
+            self.exact_solution = solution
         return _solve_with(linear, solution)
 
 
@@ -136,16 +141,18 @@ def _solve_with(linear: Any, solution: Solution) -> Map:
 def derive_step(
     step: Step, along: Along, sides: Sides, tangents: StepTangents | None
 ) -> DerivedStep:
-    """The derivatives at the end of a step, from the derivatives at its begin.
+    """Return the derivatives at the end of a step with respect to a parameter p.
 
-    The step is opened at p + ε and p − ε, from the begin of the step there. With R(q; p) the
-    residual, the derivative δq of the unknown satisfies
+    `along` are the derivatives at its begin; `sides` has ε and the systems at p + ε and p − ε.
+    The step is opened at p + ε and at p − ε, each from the begin of the step there. With R(q; p)
+    the residual, the derivative δq of the unknown satisfies
 
         [R(q + ε δq; p + ε) − R(q − ε δq; p − ε)]/(2ε) = 0,
 
     which corrections δq ← δq − J⁻¹ (left side) solve. So J need not be exact: the factor of
     the run serves. Both steps are then closed at q ± ε δq, and their difference is the result.
-    An explicit step has no equation, and no `tangents`: q is the acceleration of each side.
+    An explicit step has no equation, and no `tangents`: q is the acceleration at p + ε and at
+    p − ε. The contractions of the corrections are noted in `tangents`.
 
     Raises `NoDerivative` for a method without `open` and `close`; where the records of the terms
     have another form at p + ε than at p − ε, as where a contact begins; and if the equation
@@ -161,25 +168,28 @@ def derive_step(
         dq = _derive_unknown(step, solution, openings, along, sides.size, tangents)
         unknowns = [solution.q + size * dq for _, size in sides.signed]
     close = solution.method.close
-    plus, minus = (close(*pair) for pair in zip(openings, unknowns, strict=True))
+    step_plus, step_minus = (close(*pair) for pair in zip(openings, unknowns, strict=True))
     end = Along.between(
-        plus.state,
-        minus.state,
+        step_plus.state,
+        step_minus.state,
         2 * sides.size,
-        (plus.memory, minus.memory),
-        (plus.history, minus.history),
+        (step_plus.memory, step_minus.memory),
+        (step_plus.history, step_minus.history),
     )
-    return DerivedStep(end, (plus, minus))
+    return DerivedStep(end, (step_plus, step_minus))
 
 
 def _open(solution: Solution, along: Along, system: System, size: float) -> Any:
-    """Open the step at p + size."""
+    """Open the solved step again at p + size, where the system is `system`.
+
+    Its state, memory and history at the begin are moved by size times their derivatives `along`.
+    """
     opened = solution.opening
     memory = shift(solution.memory, along.memory, size)
     history = shift(opened.history, along.history, size)
     begin = along.shift(opened.begin, size)
     opening = solution.method.open(system, begin, opened.dt, memory, history)
-    if isinstance(opened, LinearOpening):  # its equation has the tangents
+    if isinstance(opened, LinearOpening):  # clamped tangents are part of its equation
         return replace(opening, definite=opened.definite)
     return opening
 
@@ -192,38 +202,55 @@ def _derive_unknown(
     size: float,
     tangents: StepTangents,
 ) -> np.ndarray:
-    """The derivative δq (n, 3) of the unknown, see `derive_step`."""
-    plus, minus = openings
-    opening = solution.opening
+    """Return the derivative δq (n, 3) of the step's unknown q with respect to the parameter p.
+
+    It is solved by corrections, see `derive_step`. `openings` are the step opened at p + ε and
+    at p − ε with ε = `size`, and `along` are the derivatives at the begin of the step. The
+    contractions of the corrections are noted in `tangents`. Raises `NoDerivative` if the
+    equation cannot be solved.
+    """
+    opening_plus, opening_minus = openings
     q = solution.q
-    norm = np.linalg.norm
 
     def residual(dq: np.ndarray) -> np.ndarray:
-        r: np.ndarray = plus.residual(q + size * dq) - minus.residual(q - size * dq)
-        return r / (2 * size)
+        plus: np.ndarray = opening_plus.residual(q + size * dq)
+        minus: np.ndarray = opening_minus.residual(q - size * dq)
+        derivative: np.ndarray = (plus - minus) / (2 * size)
+        return derivative
 
     guess = np.zeros_like(q)
-    if plus.guess is not None:
-        guess = opening.system.constraints.project((plus.guess - minus.guess) / (2 * size))
-    stage = getattr(opening, "stage", None)
-    x_by_q = stage.w_end if stage else opening.dt  # ∂x/∂q at the end of the step
-    moved = float(norm(along.x) + opening.dt * norm(along.v))
-    smallest = SHARE_OF_BEGIN * moved / x_by_q
+    if opening_plus.guess is not None:  # the derivative of the first guess of q
+        guess = (opening_plus.guess - opening_minus.guess) / (2 * size)
+        guess = solution.opening.system.constraints.project(guess)
+    smallest = _smallest_scale(solution.opening, along)
 
     def size_of(dq: np.ndarray) -> float:
-        return float(max(norm(dq), smallest))
+        return max(float(np.linalg.norm(dq)), smallest)
 
     solvers = tangents.solvers(solution, has_matrix=step.counts.newton > 0)
-    known = tangents.known
+    contractions = tangents.contractions
     corrected = correct(
         residual,
         guess,
         solvers=solvers,
-        known=known,
+        known=contractions,
         size_of=size_of,
         tolerance=tangents.tolerance,
-        floor=UNKNOWN_ROUND_OFF * float(norm(q)) / size,
+        floor=UNKNOWN_ROUND_OFF * float(np.linalg.norm(q)) / size,
     )
     for name, contraction in corrected.contractions.items():
-        known[name] = max(known.get(name, 0.0), CONTRACTION_SAFETY * contraction)
+        with_safety = CONTRACTION_SAFETY * contraction
+        contractions[name] = max(contractions.get(name, 0.0), with_safety)
     return corrected.y
+
+
+def _smallest_scale(opening: Any, along: Along) -> float:
+    """Return the least size to which the error of δq is relative, see `SHARE_OF_BEGIN`.
+
+    It is the size of the δq that moves x at the end of the step by this share of the
+    displacement which the derivatives `along` at the begin give alone.
+    """
+    stage = getattr(opening, "stage", None)
+    x_by_q: float = stage.w_end if stage else opening.dt  # ∂x/∂q at the end of the step
+    displacement = float(np.linalg.norm(along.x) + opening.dt * np.linalg.norm(along.v))
+    return SHARE_OF_BEGIN * displacement / x_by_q

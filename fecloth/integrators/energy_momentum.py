@@ -68,19 +68,26 @@ class EnergyMomentum(StageMethod):
     stage = ImplicitMidpoint.stage
 
     def _take(self, begin: Begin, solver: SolverContext) -> Step:
-        """One step; with "auto" by the exact tangent if the symmetric one does not converge."""
-        solver = replace(solver, step_error=None)  # its balance of energy needs a small residual
+        """Take one step with the tangent that `tangent` says.
+
+        With "auto" it is the symmetric tangent, or the exact one if Newton's iteration does not
+        converge in `MOST_SYMMETRIC_ITERATIONS`, or if the solver takes matrices that are not
+        symmetric. Raises `NewtonFailed` if the exact tangent fails too.
+        """
+        # without the estimate of the step's error, Newton's iteration does not end early: the
+        # balance of energy needs a small residual
+        solver = replace(solver, step_error=None)
         options = solver.options
         is_clamped = options.definiteness == "clamp"  # a clamped tangent is always symmetric
         if self.tangent != "auto" or is_clamped:
             return super()._take(begin, solver)
         if solver.matrix_solver()[0].symmetric:
-            most = min(MOST_SYMMETRIC_ITERATIONS, options.max_iterations)
-            limited = replace(options, max_iterations=most)
+            most_iterations = min(MOST_SYMMETRIC_ITERATIONS, options.max_iterations)
+            limited = replace(options, max_iterations=most_iterations)
             try:
                 return super()._take(begin, replace(solver, options=limited))
             except NewtonFailed:
-                linear = select.direct(symmetric=False)
+                linear = select.direct(symmetric=False)  # the exact tangent is not symmetric
                 solver = replace(solver, linear=linear, factor_reuse=FactorReuse())
         return replace(self, tangent="exact")._take(begin, solver)
 
@@ -95,7 +102,11 @@ class EnergyMomentum(StageMethod):
     def over_step(
         self, system: System, state: State, dt: float, history: History | None = None
     ) -> System:
-        """The system whose forces do the work of the energies from x₀ to x₁ = 2x − x₀."""
+        """Return the system over a step from `state`, with a discrete gradient for each energy.
+
+        Its forces at the mean position x do exactly the work −ΔU of the energies from x₀ to
+        x₁ = 2x − x₀. Terms without an energy, and terms that conserve it anyway, stay.
+        """
         over = system.over_step(self.difference(state, dt), history)
         mass = system.diagonal_mass
         t = state.t + 0.5 * dt
@@ -103,8 +114,9 @@ class EnergyMomentum(StageMethod):
         def conserve(term: BoundTerm, acting: BoundTerm, record: object) -> BoundTerm:
             if acting.conserves or not term.has_energy:
                 return acting
-            of_step = term if record is None else acting
-            return DiscreteGradient(of_step, acting, state.x, mass, t)
+            # of a term with a history, only `acting` counts the heat of the step as energy
+            with_energy = term if record is None else acting
+            return DiscreteGradient(with_energy, acting, state.x, mass, t)
 
         records = history or (None,) * len(system.bound)
         return system.with_bound(map(conserve, system.bound, over.bound, records))

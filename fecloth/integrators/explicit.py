@@ -119,7 +119,7 @@ class Explicit(OpensSteps):
             raise InputError(what, allowed, type(self).__name__, remedy)
 
     def _open(self, begin: Begin, solver: object) -> ExplicitOpening:
-        """Open a step that needs the acceleration at its begin."""
+        """Open a step that needs the acceleration at its begin; there is nothing to solve."""
         opened = time.perf_counter()
         return ExplicitOpening(
             system=begin.system,
@@ -135,7 +135,7 @@ class Explicit(OpensSteps):
 
     @quiet
     def _take(self, begin: Begin, solver: object) -> Step:
-        """One step."""
+        """Take one step; raise `InputError` unless the mass of the system is lumped."""
         self.check(begin.system)
         opening = self.open(*begin)
         a = opening.acceleration()
@@ -246,31 +246,37 @@ class CentralDifference(Explicit):
     beyond_limit: bool = False
 
     def _open(self, begin: Begin, solver: object) -> ExplicitOpening:
-        """Open a step that needs the acceleration at x₁ and v₀ + dt a₀.
+        """Open a step that needs the acceleration a₁ at x₁ and v₀ + dt a₀.
 
-        Without a memory a₀ is evaluated.
+        a₀ is the acceleration of the last step. In the first step, without a memory, it is
+        evaluated here.
         """
         opened = time.perf_counter()
         system, state, dt, memory, history = begin
-        last = memory or LastForce(acceleration(system.with_history(history), state), state)
+        if memory is None:
+            a = acceleration(system.with_history(history), state)
+            memory = LastForce(a, at=state)
         end = begin.end
-        x, ahead = move(state, last.a, dt, 0.5)
+        x, predicted_v = move(state, memory.a, dt, share=0.5)
         return ExplicitOpening(
             system=system,
             over=begin.over,
-            at=set_held(system, State(state.t + dt, x, ahead), end),
+            at=set_held(system, State(state.t + dt, x, predicted_v), end),
             begin=state,
             end=end,
             dt=dt,
-            memory=last,
+            memory=memory,
             history=history,
             opened=opened,
         )
 
     def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
-        """Close the step with the acceleration a (n, 3) at x₁ and v₀ + dt a₀."""
+        """Close the step with the acceleration a₁ = `a` (n, 3) at x₁ and v₀ + dt a₀.
+
+        v₁ = v₀ + dt/2 (a₀ + a₁), as both half steps of the formula together.
+        """
         at = opening.at
-        last = opening.memory
+        last = opening.memory  # a₀
         assert last is not None
         v = opening.begin.v + 0.5 * opening.dt * (last.a + a)
         opening.system.constraints.set_held(v, opening.end.v)

@@ -106,7 +106,11 @@ class Column:
     sums: Sums
 
     def at_force(self, f: np.ndarray, moves: Moves) -> Call:
-        """The call after the term has added its force to f."""
+        """Return the call that follows the term's own calls, when f contains its force.
+
+        A column by power is added up here; for others d is stored, and `at_end` adds it up,
+        because their work needs the velocity at the end of the step.
+        """
         if not self.by_power:
             return subtract_from, (f, self.base, self.force)
         arguments = (
@@ -122,7 +126,7 @@ class Column:
         return add_power, arguments
 
     def at_end(self, moves: Moves) -> Calls:
-        """The calls at the end of a step."""
+        """Return the calls at the end of a step: none for a column by power, see `at_force`."""
         if self.by_power:
             return []
         arguments = (
@@ -164,15 +168,19 @@ class Column:
 
 
 def bind_columns(system: System, shape: tuple[int, int]) -> tuple[Column, ...] | None:
-    """Return the columns of a system, or None where a term's are not known from its force."""
+    """Return the columns of a system's terms, or None if a term has columns that need Python.
+
+    Those are the columns of a term whose air does not have one steady velocity. Terms without
+    columns are left out. `shape` is (n, 3).
+    """
     columns = []
     for name, term in zip(system.names, system.bound, strict=True):
         by_power = has_power_column(term)
         if not (by_power or has_work_column(term)):
             continue
-        air = np.zeros(3)
+        air: np.ndarray | None = np.zeros(3)
         if by_power and term.supplies:
-            air = term.steady_air
+            air = term.steady_air  # None if it depends on place or time
         if air is None:
             return None
         column = Column(
@@ -204,8 +212,14 @@ def subtract_from(f: Array, base: Array, difference: Array) -> None:
 def add_power(
     clock: Array, x: Array, old: Array, v: Array, f: Array, base: Array, last: Array, sums: Sums
 ) -> None:
-    """Add the power of d = f − base in a step to the sums; last = d."""
+    """Add a step's integrals of d = f − base to the sums; last = d.
+
+    They are by the trapezoidal rule. `clock` (1,) is the size dt of the step, `x` and `old`
+    (n, 3) are the positions at its end and its begin, and v are the velocities that the force
+    has seen.
+    """
     half = 0.5 * clock[0]
+    # a sum for each component: they do not wait for one another
     power1 = 0.0
     power2 = 0.0
     power3 = 0.0
@@ -242,7 +256,11 @@ def add_power(
 def add_work(
     clock: Array, x: Array, old_x: Array, v: Array, old_v: Array, d: Array, last: Array, sums: Sums
 ) -> None:
-    """Add the work of d in a step to the sums; last = d."""
+    """Add the work of d (n, 3) in a step to the sums; last = d.
+
+    The parameters are as in `add_power`; v and `old_v` are the velocities at the end and at the
+    begin of the step. ``work`` is ¼ dt Σ (d + last) · (v + old_v) = Σ d̄ · dt v̄.
+    """
     path = 0.0
     work = 0.0
     for i in range(len(d)):
@@ -258,27 +276,28 @@ def add_work(
 def force_calls(
     system: System, columns: tuple[Column, ...], moves: Moves, f: Array
 ) -> Calls | None:
-    """The calls that add all forces to f, with calls for the columns in between; None if not.
+    """Return the calls that add all forces to f (n, 3), with the calls of the columns in between.
 
-    Before a term with a column adds its force, f and the term's elastic force are kept as the
-    column's `base`. So f − base is the part d afterwards.
+    The result is None if a force needs Python. Before a term with a column adds its force, the
+    sum of f and of the term's elastic force is kept as the column's `base`. So f − base is the
+    part d afterwards.
     """
     calls: list[AnyCall] = []
     columns_by_name = {column.name: column for column in columns}
     x = moves.x
     v = moves.ahead
     for name, term in zip(system.names, system.bound, strict=True):
-        force = compiled_force(term, x, v, f)
-        if force is None:
+        calls_of_force = compiled_force(term, x, v, f)
+        if calls_of_force is None:
             return None
         column = columns_by_name.get(name)
         if column is None:
-            calls += force
+            calls += calls_of_force
             continue
         calls.append((copy, (f, column.base)))
-        if term.has_energy:
+        if term.has_energy:  # at v = 0 its force is the elastic force alone
             calls += compiled_force(term, x, np.zeros_like(v), column.base) or []
-        calls += [*force, column.at_force(f, moves)]
+        calls += [*calls_of_force, column.at_force(f, moves)]
     return calls
 
 
@@ -331,7 +350,11 @@ class SharedForces:
 
 
 def _part_of_call(call: AnyCall, p: int, threads: int) -> list[Call]:
-    """The calls of thread p in place of one call."""
+    """Return the calls that thread p makes in place of one call for all nodes.
+
+    It gets its own part of a call that can be divided. The first thread, p = 0, makes a call
+    that cannot be divided, and the others make none.
+    """
     if isinstance(call, SharedCall):
         return call.of_thread(p)
     function, arguments = call

@@ -118,7 +118,10 @@ def copy(a: Array, b: Array) -> None:
 
 @rounded_kernel
 def drift(x: Array, v: Array, a: Array, dt: float, ahead: Array, f: Array) -> None:
-    """x += dt (v + dt/2 a), ahead = v + dt a, f = 0: as `explicit.move` with a share of ½."""
+    """x += dt (v + dt/2 a), ahead = v + dt a, f = 0: as `explicit.move` with a share of ½.
+
+    All arrays are (n, 3): x, v, a, the predicted velocities `ahead`, and the force f.
+    """
     x = x.reshape(-1)
     v = v.reshape(-1)
     a = a.reshape(-1)
@@ -160,7 +163,12 @@ def set_rows(at: Array, P: Array, target: Array, y: Array) -> None:
 def pin_work(
     at: Array, P: Array, mass: Array, dt: float, old: Array, x: Array, v: Array, a: Array
 ) -> float:
-    """Σ m (Δv · v̄ − ā · Δx) along held directions; `old` (3, c, 3) are x, v and a before."""
+    """Return the work of the pins in a step [J]: Σ m (Δv · v̄ − ā · Δx) along held directions.
+
+    It is the change of the kinetic energy less the work of the mean force M ā of the cloth. The
+    sum is over the held nodes `at` (c,); `old` (3, c, 3) are their x, v and a at the begin of
+    the step, and v̄ and ā are means of both ends.
+    """
     total = 0.0
     for n in range(len(at)):
         i = at[n]
@@ -181,11 +189,12 @@ def pin_work(
 def take_steps(
     forces: int, sizes: Array, pauses: Pauses, held: Held, fields: Fields, member: Member
 ) -> int:
-    """Take the steps in place; return their number: fewer if a stretch is beyond its limits.
+    """Take steps of central differences in place; return the number of steps taken.
 
-    Each thread calls it with the address of its own `forces`, and moves its own nodes. The first
-    thread does what needs all nodes: the held nodes, the ledger, and the look at stretches.
-    `sizes` (s,) are the sizes of the steps [s].
+    They are fewer than the `sizes` (s,) [s] if a stretch is beyond the limits of `pauses`.
+    Each thread calls this with the address of its own `forces`, and moves its own nodes. The
+    first thread does what needs all nodes: the held nodes, the ledger, and the look at
+    stretches. At each `wait` the threads wait for each other.
     """
     x = fields.x
     v = fields.v
@@ -206,11 +215,11 @@ def take_steps(
     stop = pauses.stop
     for s in range(len(sizes)):
         dt = sizes[s]
-        row = min(s, len(path) - 1)
+        row = min(s, len(path) - 1)  # one row for all steps where no pin moves
         if is_first and stop[0] == 0:
             pauses.clock[0] = dt
             call(pauses.before)
-            for n in range(len(at)):
+            for n in range(len(at)):  # keep the begin of the step, for the work of the pins
                 for k in range(3):
                     i = at[n]
                     old[0, n, k] = x[i, k]
@@ -218,7 +227,7 @@ def take_steps(
                     old[2, n, k] = a[i, k]
                     target[n, k] = x[i, k] + path[row, n, k]
         wait(member)
-        if stop[0] != 0:
+        if stop[0] != 0:  # the first thread sets it: the others may read it after a wait
             return s
         drift(x[own], v[own], a[own], dt, ahead[own], f[own])
         wait(member)

@@ -120,10 +120,12 @@ class FusedSteps:
 
     @classmethod
     def bind(cls, system: System, ledger: bool = True, team: Team | None = None) -> Self | None:
-        """Return the fused steps of a system, or None where a term or a pin needs Python.
+        """Return the fused steps of a system, or None if they cannot be compiled.
 
+        That is so where a term or a pin needs Python in each step, and without a lumped mass.
         With `ledger` the columns of the energy ledger are added up; otherwise the `Flows` have
-        none. The threads are the threads of the system, unless a `team` is given.
+        no work and no dissipation of terms. The threads are the threads of the system, unless a
+        `team` is given.
         """
         if system.mass_kind != "lumped" or not MotionRows.can_evaluate(system.constraints):
             return None
@@ -144,9 +146,9 @@ class FusedSteps:
             return None
         after: list[AnyCall] = [call for column in columns for call in column.at_end(moves)]
         before: list[AnyCall] = []
-        if columns:
+        if columns:  # all columns need the displacement over the step
             before.append((copy, (moves.x, moves.old_x)))
-        if after:
+        if after:  # only the calls at the end need the old velocity
             before.append((copy, (moves.v, moves.old_v)))
         stretches = np.zeros(2)
         return cls(
@@ -173,7 +175,7 @@ class FusedSteps:
         least: float = 0.0,
         largest: float = np.inf,
     ) -> Taken | None:
-        """Take steps of the given sizes, the last one so that its `Step` is known.
+        """Take steps of the given sizes, the last one by itself, so that its `Step` is known.
 
         Parameters
         ----------
@@ -192,20 +194,22 @@ class FusedSteps:
         Returns
         -------
         Taken or None
-            None if a value is not finite: then nothing is known of these steps.
+            The steps that were taken: fewer than asked for if a stretch is beyond the limits,
+            and then without the last `Step`. None if x or v is not finite at the end: then
+            nothing is known of these steps.
         """
         rows = MotionRows.evaluate(self.system.constraints, times, sizes)
-        held = self._held(rows)
+        held = self._make_held(rows)
         dt = float(sizes[0])
         before_last = len(sizes) - 1
         self._begin_at(state, memory)
-        start = self._energy_of_kicks(dt)
-        pauses = self._pauses(look, least, largest)
+        energy_at_begin = self._energy_of_kicks(dt)
+        pauses = self._make_pauses(look, least, largest)
         number = self._go(sizes[:before_last], held.over(slice(0, before_last)), pauses)
         end, end_memory = self._read_end(rows, number)
         step = None
         if not pauses.stop[0]:
-            no_pauses = self._pauses(NO_LOOK, least, largest)
+            no_pauses = self._make_pauses(NO_LOOK, least, largest)
             self._go(sizes[before_last:], held.over(slice(before_last, None)), no_pauses)
             new, new_memory = self._read_end(rows, len(sizes))
             forces = (end_memory.at, end_memory.a), (new_memory.at, new_memory.a)
@@ -223,7 +227,7 @@ class FusedSteps:
             dissipated={c.name: c.dissipated for c in self.columns if c.dissipates},
             work={c.name: c.work for c in self.columns if c.supplies},
             pins=float(held.work[0]),
-            numerical=start - self._energy_of_kicks(dt) - unrecorded,
+            numerical=energy_at_begin - self._energy_of_kicks(dt) - unrecorded,
         )
         return Taken(number=number, state=end, memory=end_memory, step=step, flows=flows)
 
@@ -232,7 +236,11 @@ class FusedSteps:
         return bool(np.isfinite(self.fields.x).all() and np.isfinite(self.fields.v).all())
 
     def _begin_at(self, state: State, memory: LastForce) -> None:
-        """Take over a state, and the forces of the columns there."""
+        """Write a state and its memory to the arrays, and set all sums to zero.
+
+        With columns the forces are evaluated where the step before had evaluated them: the sums
+        are by the trapezoidal rule, and need the force at the begin.
+        """
         fields = self.fields
         fields.x[:] = state.x
         fields.v[:] = state.v
@@ -244,10 +252,10 @@ class FusedSteps:
             self.forces()
         for column in self.columns:
             column.start()
-        self.stretches[:] = 1.0
+        self.stretches[:] = 1.0  # within all limits, until they are looked at
 
-    def _held(self, rows: MotionRows) -> Held:
-        """The nodes that are held, over all of the steps."""
+    def _make_held(self, rows: MotionRows) -> Held:
+        """Return the nodes that are held, with the motion of the pins in all steps, `rows`."""
         constraints = self.system.constraints
         count = len(constraints.nodes)
         return Held(
@@ -260,7 +268,8 @@ class FusedSteps:
             work=np.zeros(1),
         )
 
-    def _pauses(self, look: tuple[int, int], least: float, largest: float) -> Pauses:
+    def _make_pauses(self, look: tuple[int, int], least: float, largest: float) -> Pauses:
+        """Return what the first thread does between steps; the parameters are those of `take`."""
         phase, period = look
         return Pauses(
             before=self.before.address,
@@ -280,13 +289,17 @@ class FusedSteps:
         done = 0
         while done < len(sizes) and not pauses.stop[0]:
             end = done + self._team.portion("steps", len(sizes) - done)
-            held_then = held.over(slice(done, end))
-            pauses_then = pauses._replace(phase=pauses.phase + done)
-            done += self._take_portion(sizes[done:end], held_then, pauses_then)
+            held_in_portion = held.over(slice(done, end))
+            pauses_in_portion = pauses._replace(phase=pauses.phase + done)  # it counts from 0 on
+            done += self._take_portion(sizes[done:end], held_in_portion, pauses_in_portion)
         return done
 
     def _take_portion(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
-        """Take steps on one thread or on all, as the team decides; return their number."""
+        """Take a portion of steps on one thread or on all, as the team decides.
+
+        Return the number of steps taken: fewer than `sizes` (s,) if a stretch is beyond its
+        limits.
+        """
         team = self._team
 
         def take(forces: int, member: Member) -> int:
@@ -300,12 +313,14 @@ class FusedSteps:
             shared.start()
             addresses = [calls.address for calls in shared.calls]
             members = shared.members
+            # thread p calls `take` with the address of its own part of the forces
             return team.run(lambda p: take(addresses[p], members[p]), members[0].meeting)
 
         return team.do("steps", alone, together, float)
 
     @property
     def _team(self) -> Team:
+        """The threads that share the steps: one alone for a small cloth."""
         if self.team.shares(len(self.fields.mass)):
             return self.team
         return ALONE
@@ -335,8 +350,8 @@ class FusedSteps:
 
 
 def _make_fields(system: System) -> Fields:
-    """Arrays for the steps of a system, with x at rest."""
-    x = np.zeros((len(system.cloth.X), 3))
+    """Return the arrays for the steps of a system, with x at rest and all else zero."""
+    x = np.zeros((len(system.cloth.X), 3))  # contiguous, as the kernels need it
     x[:] = system.rest().x
     mass = system.nodal_mass
     return Fields(

@@ -53,23 +53,28 @@ class LinearOpening:
     def residual(self, q: np.ndarray) -> np.ndarray:
         """R(q) = M Δv/dt − f(x₀, v₀) + dt K (v₀ + Δv) + D Δv along the free directions.
 
-        The result is (n, 3) [N].
+        Return it (n, 3) [N]. In M Δv and in K (v₀ + Δv) the Δv of the held directions differ:
+        see `inertial` and `held`. K includes the parts of low rank c u uᵀ, `System.dense`.
         """
         system = self.over
         begin = self.begin
         v = begin.v + (q + self.held)
         a = (q + self.inertial) / self.dt
-        J = BlockMatrix.zeros(system.pattern)
-        system.assemble(J, begin, wx=self.dt, definite=self.definite)
-        R = system.scalar_mass @ a - system.force(begin) + J @ v
-        R += system.assemble(J, begin, wv=1.0, definite=self.definite) @ (v - begin.v)
+        dt_K = BlockMatrix.zeros(system.pattern)
+        system.assemble(dt_K, begin, wx=self.dt, definite=self.definite)
+        R = system.scalar_mass @ a - system.force(begin) + dt_K @ v
+        D = system.assemble(dt_K, begin, wv=1.0, definite=self.definite)  # in the same matrix
+        R += D @ (v - begin.v)
         for c, u in system.dense(begin):
             R += self.dt * c * system.sums.dot(u, v) * u
         free: np.ndarray = system.constraints.project(R)
         return free
 
     def tangent(self, q: np.ndarray, J: BlockMatrix) -> BlockMatrix:
-        """∂R/∂q = M/dt + D + dt K at the begin of the step, along the free directions."""
+        """Write ∂R/∂q = M/dt + D + dt K at the begin of the step to J, and return J.
+
+        It is along the free directions, without parts of low rank, and does not depend on q.
+        """
         system = self.over
         dt = self.dt
         system.assemble(J, self.begin, wx=dt, wv=1.0, wa=1.0 / dt, definite=self.definite)
@@ -102,7 +107,8 @@ class LinearlyImplicitEuler(OpensSteps):
         end = begin.end
         constraints = system.constraints
         held = np.zeros_like(state.v)
-        held[constraints.nodes] = constraints.held_part((end.x - state.x) / dt - state.v)
+        needed_v = (end.x - state.x) / dt  # moves x to its prescribed end
+        held[constraints.nodes] = constraints.held_part(needed_v - state.v)
         return LinearOpening(
             system=system,
             over=begin.over,
@@ -125,7 +131,11 @@ class LinearlyImplicitEuler(OpensSteps):
         return Step(new, at_stage, dv, counts, **ending)
 
     def _take(self, begin: Begin, solver: SolverContext) -> Step:
-        """One step, with the clamped tangent if the exact one is indefinite."""
+        """Take one step, with the exact tangent, or the clamped one if that is indefinite.
+
+        With ``definiteness="clamp"`` the tangent is clamped at once, with "none" never: then
+        `IndefiniteMatrix` is raised.
+        """
         definite = solver.options.definiteness == "clamp"
         opening = replace(self.open(*begin), definite=definite)
         try:
@@ -142,15 +152,19 @@ class LinearlyImplicitEuler(OpensSteps):
 
 
 def _velocity_change(opening: LinearOpening, solver: SolverContext) -> tuple[np.ndarray, Counts]:
-    """Δv of the free directions from the linearised step, and the counts."""
+    """Solve the linearised step; return Δv (n, 3) [m/s] of the free directions, and the counts.
+
+    The guess is Δv of the last step. Raises `IndefiniteMatrix` or `SolveFailed` as the solver.
+    """
     began = time.perf_counter()
     system = opening.over
     begin = opening.begin
     dt = opening.dt
     definite = opening.definite
     linear, J = solver.matrix_solver()
-    b = -opening.residual(np.zeros_like(begin.v))
-    opening.tangent(b, J)
+    q = np.zeros_like(begin.v)
+    b = -opening.residual(q)
+    opening.tangent(q, J)
     seconds = {"assemble": time.perf_counter() - began}
     solver.begin(dt, 1.0 / dt, begin.x)
     linear.prepare(J)

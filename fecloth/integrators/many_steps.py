@@ -58,8 +58,8 @@ def many_steps(
     validation.whole("steps", steps, 1, "many_steps")
     validation.number("dt", dt, 0.0, "many_steps")
     number_of_threads(threads, "many_steps")
-    fused, turns = _bound(system, threads)
-    with turns, np.errstate(over="ignore", invalid="ignore"):
+    fused, lock = _bound(system, threads)  # the lock: Python threads may call this at once
+    with lock, np.errstate(over="ignore", invalid="ignore"):
         end = _take_all(fused, state, float(dt), steps)
     if end is None:
         taken = f"{amount(steps, 'step')} of dt = {dt:g} s from t = {state.t:g} s"
@@ -71,7 +71,10 @@ def many_steps(
 
 
 def _take_all(fused: FusedSteps, start: State, dt: float, steps: int) -> State | None:
-    """The end of all steps; None if it is not finite."""
+    """Return the state at the end of all steps, or None if values are not finite.
+
+    The steps are taken in portions of `AT_ONCE`. The held velocities of `start` are set to 0.
+    """
     v = fused.system.constraints.hold(start.v, np.zeros_like(start.v))
     state = State(start.t, start.x, v)
     memory: Any = LastForce(acceleration(fused.system, state), state)
@@ -87,7 +90,11 @@ def _take_all(fused: FusedSteps, start: State, dt: float, steps: int) -> State |
 
 @lru_cache(maxsize=1)  # it takes as long as 500 steps of 2,000 triangles
 def _bound(system: System, threads: int | str) -> tuple[FusedSteps, Lock]:
-    """The fused steps of a system, and who may use them."""
+    """Return the fused steps of a system, and the lock of the one caller that may use them.
+
+    Those of the last system are kept. Raises `InputError` for a system that needs Python in
+    each step.
+    """
     if threads not in (1, system.threads):
         system = system.replace(threads=threads)
     team = ALONE if threads == 1 else None
@@ -98,7 +105,11 @@ def _bound(system: System, threads: int | str) -> tuple[FusedSteps, Lock]:
 
 
 def _refused(system: System) -> InputError:
-    """The error for a system that needs Python in each step: it says what needs it."""
+    """Return the error for a system without compiled steps; it names what needs Python.
+
+    It looks at the same conditions as `FusedSteps.bind`, in the same order as far as possible:
+    the mass, a term, and last a pin that rotates.
+    """
     remedy = "Use march with CentralDifference()."
     if system.mass_kind != "lumped":
         what = f"mass = {system.mass_kind!r}"

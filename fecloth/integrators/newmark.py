@@ -65,8 +65,12 @@ class AccelerationMethod(WithMemory):
         raise NotImplementedError
 
     def stage(self, state: State, dt: float, a: np.ndarray) -> Stage:
-        """The stage of a step from `state`, where the acceleration is a."""
+        """Return the stage of a step from `state`, where the acceleration is a (n, 3).
+
+        It is at (x_f, v_f, t_f), with a_m, for the unknown q = a₁.
+        """
         alpha_m, alpha_f, beta, gamma = self.parameters
+        # x₁ and v₁ with q = 0
         x = state.x + dt * state.v + (0.5 - beta) * dt**2 * a
         v = state.v + (1 - gamma) * dt * a
         at = blend(state, State(state.t + dt, x, v), 1 - alpha_f)
@@ -85,10 +89,11 @@ class AccelerationMethod(WithMemory):
     def _open(
         self, begin: Begin, solver: SolverContext | None, over: System | None = None
     ) -> Opening:
-        """Open a step after the step that left this memory; q = a₁.
+        """Open a step after the step that left the memory of `begin`; q = a₁.
 
         Without a memory the first acceleration is solved for, by the `solver` or a direct one.
-        `over` is the system over the step, if its rates are the rates of another method.
+        `over` is the system over the step if another method opens its first step by this one,
+        as BDF2 does: then the rates of the terms are the rates of that method.
         """
         system, state, dt, memory, history = begin
         alpha_m, alpha_f = self.parameters[:2]
@@ -116,7 +121,11 @@ class AccelerationMethod(WithMemory):
         )
 
     def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
-        """Close the step with the acceleration q (n, 3) at its end."""
+        """Close the step with the acceleration q (n, 3) at its end.
+
+        `Step.a` is a_m where the forces are balanced at the stage. With a `share` the ledger
+        compares M a with the weighted forces of both ends, and `Step.a` is Δv/dt.
+        """
         stage = opening.stage
         begin = opening.begin
         end = opening.end
@@ -199,16 +208,18 @@ class Newmark(AccelerationMethod):
         """
         order = 1
         error_constant = None
-        drift = (1, 0.5 * (self.gamma - 0.5))
+        drift = (1, 0.5 * (self.gamma - 0.5))  # the loss of amplitude
         if self.gamma == 0.5:
             order = 2
             error_constant = max(abs(self.beta - 1 / 6), 1 / 12)
-            drift = (2, 0.5 * abs(self.beta - 1 / 12))
+            drift = (2, 0.5 * abs(self.beta - 1 / 12))  # the error of the phase
+        of_stiffness = max(0.5 * self.gamma - self.beta, 0.0)  # 0 where it is A-stable
+        of_damping = 0.5 - self.gamma
         return MethodTraits(
             order=order,
             error_constant=error_constant,
             drift=drift,
-            stability=(max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma),
+            stability=(of_stiffness, of_damping),
             beyond_limit=self.beyond_limit,
             at_infinity=self._at_infinity(),
             gains=True,
@@ -236,21 +247,22 @@ class Newmark(AccelerationMethod):
 def starting_acceleration(
     system: System, state: State, end: State, dt: float, solver: SolverContext | None
 ) -> np.ndarray:
-    """The acceleration (n, 3) [m/s²] of the first step, where no step has left one.
+    """Return the acceleration (n, 3) [m/s²] at the begin of the first step from `state`.
 
-    Along the free directions M a = f. Along the held directions it is the mean acceleration of
-    the first step, (v₁ − v₀)/dt.
+    Along the free directions M a = f, by one linear solve with M. Along the held directions it
+    is the mean acceleration of the first step, (v₁ − v₀)/dt. Without a `solver` a direct one is
+    made. Raises `SolveFailed` if M has no factor.
     """
     project = system.constraints.project
     hold = system.constraints.hold
-    a = hold(np.zeros_like(state.v), (end.v - state.v) / dt)
-    b = project(system.force(state) - system.scalar_mass @ a)
+    held = hold(np.zeros_like(state.v), (end.v - state.v) / dt)
+    b = project(system.force(state) - system.scalar_mass @ held)
     if solver is None:
         solver = SolverContext(*system.linear_solver("direct", True)[:2], Newton())
     linear_solver, matrix = solver.matrix_solver()
     linear_solver.prepare(system.project(system.assemble(matrix, state, wa=1.0)))
     free, _ = linear_solver.solve(b, rtol=solver.options.residual)
-    total: np.ndarray = a + free
+    total: np.ndarray = held + free
     return total
 
 
@@ -292,7 +304,7 @@ class GeneralizedAlpha(AccelerationMethod):
         """The constants of the method.
 
         The error constant is β − ½ (α_f − α_m) − 1/6: the acceleration belongs to a time
-        (α_f − α_m) dt before the end of the step.
+        (α_f − α_m) dt before the end of the step, here the `lag`.
         """
         alpha_m, alpha_f, beta, _ = self.parameters
         lag = alpha_f - alpha_m

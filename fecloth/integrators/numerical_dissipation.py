@@ -45,6 +45,7 @@ def memory_dissipation(system: System, old: State, step: Step) -> float:
     dt = step.state.t - old.t
     dx = step.state.x - old.x
     dv = step.state.v - old.v
+    # M a − M Δv/dt + f̄ − f(stage)
     unbalanced = system.mass_times(step.a - dv / dt) + step.mean_force(system)
     unbalanced = unbalanced - step.solved_force
     work = system.sums.dot(unbalanced, system.constraints.project(dx))
@@ -61,18 +62,19 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
     where the cloth turns, and its rates change, within one step.
     """
     over = step.over or system
-    which = [i for i, term in enumerate(over.bound) if term.dissipates_over_step]
-    if not which:
+    dissipating = [i for i, term in enumerate(over.bound) if term.dissipates_over_step]
+    if not dissipating:
         return 0.0
 
     def with_dissipating(whole: System) -> System:
-        return whole.with_bound(whole.bound[i] for i in which)
+        return whole.with_bound(whole.bound[i] for i in dissipating)
 
     before, after = map(with_dissipating, step.around(system))
     over = with_dissipating(over)
     ends = (before, old) if step.ends else None
     f = replace(step, over=over, ends=ends).mean_force(before)
     if any(term.has_energy for term in before.bound):  # as contact has, beside its friction
+        # their conservative force, where `mean_force` has evaluated the whole force
         places = [(after, step.balanced_at)]
         if step.ends:
             places = [(before, old), (after, step.state)]
@@ -85,8 +87,8 @@ def barrier_dissipation(system: System, old: State, step: Step) -> float:
     """Numerical dissipation [J] of some energies, beyond the part of quadratic energies.
 
     −½ (f₀ + f₁) · Δx − ΔU, plus the work of moving obstacles and of moving normals of clamps. It
-    counts for a barrier of contact, and for a term whose history yields: both are far from
-    quadratic over the displacement of a step. Without such terms it is 0.
+    counts for a barrier of contact, and for a term with a record and an energy, which may yield:
+    both are far from quadratic over the displacement of a step. Without such terms it is 0.
     """
     new = step.state
     start = (old.x, old.t)
@@ -97,15 +99,18 @@ def barrier_dissipation(system: System, old: State, step: Step) -> float:
     systems = step.over or system, *step.around(system)
     terms = zip(*(at_time.bound for at_time in systems), records, strict=True)
     for over, before, after, record in terms:
-        if before.needs_end or (record is not None and before.has_energy):
-            f = np.zeros_like(old.x)
-            for term, at in ((before, old), (after, new)):
-                term.add_force(at.x, still, at.t, f)
-                total += 0.5 * term.work_of_clamps(start, end, [(at.x, at.t)])
-            total -= 0.5 * system.sums.dot(f, new.x - old.x)
-            total -= after.energy(new.x, new.t) - before.energy(old.x, old.t)
-            if over.works_over_step:
-                total += over.work(new.x)
+        is_contact = before.needs_end
+        may_yield = record is not None and before.has_energy
+        if not is_contact and not may_yield:
+            continue
+        f = np.zeros_like(old.x)  # f₀ + f₁, without damping as the velocities are 0
+        for term, at in ((before, old), (after, new)):
+            term.add_force(at.x, still, at.t, f)
+            total += 0.5 * term.work_of_clamps(start, end, [(at.x, at.t)])
+        total -= 0.5 * system.sums.dot(f, new.x - old.x)
+        total -= after.energy(new.x, new.t) - before.energy(old.x, old.t)
+        if over.works_over_step:  # a moving obstacle
+            total += over.work(new.x)
     return total
 
 
@@ -119,7 +124,11 @@ def _between_velocities(system: System, old: State, step: Step) -> float:
 
 
 def _unrecorded_work(system: System, old: State, step: Step, explicit: bool) -> float:
-    """Work that the ledger's columns do not contain: mean of d·(Δx − dt v) [J]."""
+    """Return the work that the ledger's columns do not contain: mean of d·(Δx − dt v) [J].
+
+    d and v are as in `explicit_dissipation`; `explicit` says whether the method is explicit.
+    Other methods have the full work of the loads in their columns.
+    """
     acting = step.over or system  # damping over the step has no column of power
     dt = step.state.t - old.t
     dx = step.state.x - old.x
@@ -128,7 +137,7 @@ def _unrecorded_work(system: System, old: State, step: Step, explicit: bool) -> 
     if any(map(has_power_column, acting.bound)):
         works = [dot(column_forces(acting, at), dx - dt * at.v) for at in step.stages]
     if explicit and any(map(has_work_column, acting.bound)):
-        lag = dx - load_displacement(old, step.state, explicit)
+        lag = dx - load_displacement(old, step.state, explicit)  # Δx − dt v̄
         works += [dot(load_forces(acting, at), lag) for at in step.stages]
     return sum(works) / len(step.stages)
 
@@ -164,7 +173,10 @@ def has_work_column(term: BoundTerm) -> bool:
 
 
 def column_forces(system: System, state: State) -> np.ndarray:
-    """(n, 3) forces [N] whose power the ledger sums."""
+    """Return the forces (n, 3) [N] whose power the ledger sums: d of `explicit_dissipation`.
+
+    Of a term with an energy it is the force less its elastic force, which is its force at v = 0.
+    """
     f = np.zeros_like(state.x)
     still = np.zeros_like(state.v)
     for term in filter(has_power_column, system.bound):

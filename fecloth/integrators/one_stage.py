@@ -48,7 +48,10 @@ class StageMethod(OpensSteps):
         return system.over_step(self.difference(state, dt), history, rates)
 
     def _open(self, begin: Begin, solver: object) -> Opening:
-        """Open a step, whose unknown q is the unknown of `stage`."""
+        """Open a step from the state of `begin`; its unknown q is the unknown of `stage`.
+
+        The memory, the q of the last step, is the first guess.
+        """
         system, state, dt, memory, history = begin
         end = begin.end
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
@@ -82,7 +85,7 @@ class StageMethod(OpensSteps):
         """Numerical dissipation [J] of a step: (θ − ½)(Δv·M Δv + Δx·K Δx).
 
         Δx·K Δx is the change of the conservative force along Δx: exact for energies quadratic
-        in x. Added is the work against damping over the step beyond what that dissipates.
+        in x. `work_beyond_dissipation` and `barrier_dissipation` are added. For θ = ½ it is 0.
         """
         theta = self.traits.theta
         if theta == 0.5:
@@ -116,7 +119,8 @@ class BackwardEuler(StageMethod):
     )
 
     def stage(self, state: State, dt: float) -> Stage:
-        x = state.x + dt * state.v
+        """Return the stage at the end of the step, x = x₁, v = v₁, for q = v₁ − v₀."""
+        x = state.x + dt * state.v  # x₁ with q = 0
         return Stage(
             t=state.t + dt,
             x=x,
@@ -149,6 +153,10 @@ class ImplicitMidpoint(StageMethod):
     )
 
     def stage(self, state: State, dt: float) -> Stage:
+        """Return the stage in the middle of the step, for q = v₁ − v₀.
+
+        There x = x₀ + dt/2 v₀ + dt/4 q and v = v₀ + q/2.
+        """
         return Stage(
             t=state.t + 0.5 * dt,
             x=state.x + 0.5 * dt * state.v,

@@ -232,7 +232,10 @@ class StepChoice(Integrator, Protocol):
 
 
 def check_method(method: object, where: str = "march") -> None:
-    """Raise `InputError` for an object that is not a method, or has no `traits`."""
+    """Raise `InputError` for an object that is no method with a `step` and `MethodTraits`.
+
+    `where` is the function that the error names. A choice of steps, or of the method, passes.
+    """
     if not takes_steps(method):
         allowed = "must be a method such as BackwardEuler() or Auto()"
         if isinstance(method, State):
@@ -271,10 +274,10 @@ def is_method(value: object) -> bool:
 
 
 def check_offers(method: object, names: tuple[str, ...], where: str) -> None:
-    """Raise `InputError` for a method without the attributes that `where` needs."""
+    """Raise `InputError` for a method without the attributes `names`, which `where` needs."""
     if missing := [name for name in names if not hasattr(method, name)]:
         remedy = "StageMethod and WithMemory are base classes that have them."
-        if "end_times" in missing:
+        if "end_times" in missing:  # only a choice of steps must have it
             base = "ChosenSteps, of fecloth.simulation.step_times,"
             remedy = f"{base} is a base class that has them."
         if missing == ["traits"]:
@@ -314,10 +317,11 @@ def take_step(
 
 
 def refuse_crossed(system: System, state: State, old: State | None = None) -> None:
-    """Raise `NewtonFailed` for a state that a contact does not allow; it names the contact.
+    """Raise `NewtonFailed` for a state in which the cloth has passed through what it touches.
 
-    With the state `old` at the begin of the step, it is also raised where the cloth is on the
-    other side of an obstacle.
+    With the state `old` at the begin of the step, it is also raised where the cloth has leapt to
+    the other side of an obstacle. The error names the contact. It is a `NewtonFailed`, so that
+    a choice of steps tries a shorter one.
     """
     for name, term in zip(system.names, system.bound, strict=True):
         reason = ""
@@ -330,11 +334,15 @@ def refuse_crossed(system: System, state: State, old: State | None = None) -> No
 
 
 def check_history(system: System, method: Any, history: History | None) -> None:
-    """Raise `InputError` if terms keep a history, and a function of the method takes none."""
+    """Raise `InputError` if terms keep a history, and a function of the method takes none.
+
+    The method may be a choice of steps: then its method is checked too.
+    """
     if history is None:
         return
-    chosen = method_of(method)
-    for owner, name in ((method, "step"), (chosen, "step"), (chosen, "over_step")):
+    taken_method = method_of(method)
+    functions = (method, "step"), (taken_method, "step"), (taken_method, "over_step")
+    for owner, name in functions:
         function = getattr(owner, name, None)
         if function is not None and "history" not in signature(function).parameters:
             pairs = zip(system.names, history, strict=True)
@@ -348,15 +356,15 @@ def check_history(system: System, method: Any, history: History | None) -> None:
 def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) -> None:
     """Raise `InputError` for a term that needs a difference over the step, if `method` has none.
 
-    Terms of contact need this difference, and also the forces at the end of the step. `Auto`
-    chooses a method for them.
+    Terms of contact need this difference, and also the forces at the end of the step: they are
+    named first. `where` is the function that the error names.
     """
     if method.traits.has_difference:
         return
     chosen = method_of(method)
     for term in system.bound:
         if term.needs_end:
-            if chooses_method(method):
+            if chooses_method(method):  # `Auto` chooses a method that has it
                 return
             what = f"{term.name} in {chosen!r}"
             allowed = "must be in BackwardEuler or BDF2"

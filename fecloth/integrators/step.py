@@ -118,7 +118,11 @@ class Step:
         return system.force(old), (self.over or system).force(self.state)
 
     def mean_force(self, system: System) -> np.ndarray:
-        """(n, 3) force [N] that moved the cloth over the step."""
+        """Return the force (n, 3) [N] that moved the cloth over the step from `system`.
+
+        It is the mean of the forces at both ends, or of the `accelerations`, or the force at
+        `balanced_at`: by what the fields of this step say.
+        """
         if self.ends:
             old, new = self.end_forces
             mean: np.ndarray = 0.5 * (old + new)

@@ -25,15 +25,15 @@ ENTRIES_OF_BLOCK = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]
 
 @kernel
 def aggregate(indptr: Array, indices: Array) -> Array:
-    """(n,) int32 number of the aggregate of each node of a pattern.
+    """Return the number of the aggregate of each node of a pattern, (n,) int32.
 
-    An aggregate is a node with all its neighbours. A node that is left over joins the aggregate
-    of a neighbour.
+    `indptr` and `indices` are those of `BlockPattern`. An aggregate is a node with all its
+    neighbours. A node that is left over joins the aggregate of a neighbour.
     """
     n = len(indptr) - 1
     count = 0
     of_node = np.full(n, -1, np.int32)
-    for i in range(n):  # a node whose neighbours are all free makes an aggregate with them
+    for i in range(n):  # a node makes an aggregate with its neighbours if none of them has one
         row = indices[indptr[i] : indptr[i + 1]]
         taken = False
         for j in row:
@@ -42,14 +42,15 @@ def aggregate(indptr: Array, indices: Array) -> Array:
             for j in row:
                 of_node[j] = count
             count += 1
-    first = count
-    for i in range(n):  # a node left over joins a neighbour's aggregate
+    # A node left over joins a neighbour's aggregate. It is marked by + n, and no other node joins
+    # through it: so an aggregate remains small.
+    for i in range(n):
         if of_node[i] < 0:
             for j in indices[indptr[i] : indptr[i + 1]]:
-                if 0 <= of_node[j] < first:
-                    of_node[i] = of_node[j] + n  # marked by n: no other node joins through it
+                if 0 <= of_node[j] < count:
+                    of_node[i] = of_node[j] + n
                     break
-    for i in range(n):
+    for i in range(n):  # remove the marks
         if of_node[i] >= n:
             of_node[i] -= n
     return of_node
@@ -88,19 +89,19 @@ def is_coupled(A: BlockMatrix) -> np.ndarray:
 def orthonormalise(of_node: np.ndarray, motions: np.ndarray) -> np.ndarray:
     """Make the motions orthonormal on each of the m aggregates: B = Q R; return R (6, 2m, 3).
 
-    The `motions` (6, n, 3) are B, overwritten with Q. A motion that depends on the motions
-    before it becomes zero. The columns of R are the motions of the coarse nodes. Gram and
-    Schmidt's method is applied twice, as once leaves round-off.
+    `of_node` (n,) is the aggregate of each node. The `motions` (6, n, 3) are B, and are
+    overwritten with Q. A motion that depends on the motions before it becomes zero. R has the
+    same six motions at the 2m coarse nodes.
     """
     m = of_node.max() + 1
     R = np.zeros((6, m, 6))
 
-    def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:  # (m,) one for each aggregate
         return np.bincount(of_node, np.einsum("nc,nc->n", a, b), m)
 
     for k, motion in enumerate(motions):
         before = dot(motion, motion)
-        for _ in range(2):
+        for _ in range(2):  # Gram and Schmidt's method, twice: once leaves round-off
             for j in range(k):
                 overlap = dot(motions[j], motion)
                 R[k, :, j] += overlap
@@ -119,13 +120,14 @@ def prolongator(
     """The smoothed prolongator P (3n, 6m) = (I − ω D⁻¹ A) T, with ω = `JACOBI_DAMPING`.
 
     `inverse` (n, 6) is D⁻¹, see `pcg.invert_blocks`. `motions` (6, n, 3) are the columns of T
-    for each aggregate.
+    for each aggregate, and `of_node` (n,) is the aggregate of each node.
     """
     n = len(of_node)
     starts = np.arange(n + 1)
     T = sparse.bsr_matrix((motions.transpose(1, 2, 0), of_node, starts))
     inverse_D = sparse.bsr_matrix((inverse[:, ENTRIES_OF_BLOCK], starts[:-1], starts))
     P = -JACOBI_DAMPING * inverse_D @ (A.shared @ T)
+    # T has a block only where a node meets its own aggregate, and P has a block there, too
     is_own_aggregate = P.indices == np.repeat(of_node, np.diff(P.indptr))
     P.data[is_own_aggregate] += T.data
     return P

@@ -35,7 +35,11 @@ class BlockPattern:
 
     @classmethod
     def union(cls, n: int, stencils: Sequence[np.ndarray]) -> "BlockPattern":
-        """Pattern over `n` nodes that couples all nodes of each row of each stencil (m, k)."""
+        """Return the pattern over `n` nodes that couples the nodes of each row of each stencil.
+
+        A stencil (m, k) has the k nodes of each of m elements. Nodes of no stencil are coupled
+        with themselves only.
+        """
         distinct = {id(stencil): stencil for stencil in stencils}  # terms may share an array
         diagonal = np.arange(n, dtype=np.int32)[:, None]
         coupled = [diagonal, *distinct.values()]
@@ -43,6 +47,8 @@ class BlockPattern:
         nodes = nodes.astype(np.int32, copy=False)
         widths = [np.full(len(stencil), stencil.shape[1]) for stencil in coupled]
         start = np.concatenate([[0], np.cumsum(np.concatenate(widths))])
+        # E has a row for each element, with a 1 in the column of each of its nodes. So Eᵀ E has
+        # an entry for each pair of nodes with a common element.
         E = sparse.csr_array((np.ones(len(nodes), bool), nodes, start), (len(start) - 1, n))
         product = (E.T @ E).tocsr()
         product.sort_indices()
@@ -66,15 +72,16 @@ class BlockPattern:
         )
 
     def slots(self, stencil: np.ndarray) -> np.ndarray:
-        """(m, k, k) int32 number of the block of each pair (stencil[e, a], stencil[e, b]).
+        """Return the number of the block of each pair of nodes of a stencil (m, k).
 
+        The result (m, k, k) is int32, with the pair (stencil[e, a], stencil[e, b]) at [e, a, b].
         Raises `InputError` for a pair that the pattern does not contain.
         """
         m, k = stencil.shape
         slots = np.empty((m, k, k), np.int32)
-        missing = _find_slots(self.indptr, self.indices, stencil, slots)
-        if missing >= 0:
-            what = f"nodes {stencil[missing].tolist()}"
+        missing_row = _find_slots(self.indptr, self.indices, stencil, slots)
+        if missing_row >= 0:
+            what = f"nodes {stencil[missing_row].tolist()}"
             remedy = "Use the same array in `stencil` and `slots`."
             raise InputError(what, "are not all coupled in the matrix", "BlockPattern", remedy)
         return slots
@@ -152,7 +159,10 @@ class BlockMatrix:
 
 @kernel
 def _find_slots(indptr: Array, indices: Array, stencil: Array, slots: Array) -> int:
-    """Fill `slots`; return the first row of the stencil with a pair that has no block, or −1."""
+    """Fill `slots` (m, k, k), see `BlockPattern.slots`.
+
+    Return the first row of the stencil (m, k) with a pair that has no block, or −1.
+    """
     m, k = stencil.shape
     for e in range(m):
         for a in range(k):
@@ -167,7 +177,10 @@ def _find_slots(indptr: Array, indices: Array, stencil: Array, slots: Array) -> 
 
 @inner
 def find_sorted(numbers: Array, begin: int, end: int, number: int) -> int:
-    """Place of a number among the ascending numbers[begin:end], or −1."""
+    """Return the place of a number in `numbers`, by bisection, or −1 if it is not there.
+
+    Only numbers[begin:end] are searched; they ascend.
+    """
     stop = end
     while begin < end:
         middle = (begin + end) // 2
@@ -214,14 +227,16 @@ class MatrixLayout:
         return BlockPattern.union(self.n, self.stencils)
 
     def slots(self, stencil: np.ndarray) -> np.ndarray:
-        """(m, k, k) int32 block of each pair of nodes of a stencil; see `BlockPattern.slots`.
+        """Return the number of the block of each pair of nodes, (m, k, k) int32.
 
-        Terms with the same stencil share one array, as long as one of them keeps it.
+        See `BlockPattern.slots`. Terms with the same stencil, one of `stencils`, get the same
+        array.
         """
         numbers = [number for number, own in enumerate(self.stencils) if own is stencil]
         if not numbers:
             return self.pattern.slots(stencil)
         first = numbers[0]
+        # its references are weak: an array that no term uses any more is freed
         slots = self._shared.get(first)
         if slots is None:
             slots = self.pattern.slots(stencil)

@@ -74,11 +74,11 @@ def conjugate_gradients(
         The number of iterations, and CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS.
     """
     r, z, p, q = vectors
-    begin, end = part_of(member, 0, sums.shape[1])
+    begin, end = part_of(member, 0, sums.shape[1])  # this thread's blocks of nodes
     rz = carry[0]
     rr = carry[1]
     beta = carry[2]
-    if rz < 0.0:
+    if rz < 0.0:  # a start: z = M⁻¹ r, without a step
         beta = 0.0
         for block in range(begin, end):
             first, last = nodes_of(block, len(x))
@@ -92,7 +92,7 @@ def conjugate_gradients(
         pq = _search(begin, end, A, z, beta, p, q, sums, member)
         status = _check(pq, rz)
         if status == OUT_OF_ITERATIONS:
-            old = rz
+            old_rz = rz
             alpha = rz / pq
             for block in range(begin, end):
                 first, last = nodes_of(block, len(x))
@@ -102,7 +102,7 @@ def conjugate_gradients(
             wait(member)
             rz = total(sums[1])
             rr = total(sums[2])
-            beta = rz / old
+            beta = rz / old_rz
             j += 1
             status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
     wait(member)  # all have read `carry`
@@ -118,11 +118,11 @@ def step(
     A: BlockRows, x: Array, vectors: Vectors, sums: Array, old: float, threshold: float,
     member: Member,
 ) -> tuple[float, int]:  # fmt: skip
-    """One iteration for z = M⁻¹ r with any M, on all threads.
+    """Do one iteration with z = M⁻¹ r given, for any preconditioner M, on all threads.
 
     The parameters are as in `conjugate_gradients`; ``vectors.z`` is M⁻¹ r, and `old` is rᵀz of
-    the iteration before, or −1. Returns rᵀz and CONVERGED, NOT_FINITE, INDEFINITE or
-    OUT_OF_ITERATIONS.
+    the iteration before, or −1 in the first one. Return rᵀz before the iteration, and CONVERGED,
+    NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS. x, r, p and q are overwritten.
     """
     r, z, p, q = vectors
     begin, end = part_of(member, 0, sums.shape[1])
@@ -190,7 +190,7 @@ def _turn(begin: int, end: int, z: Array, beta: float, p: Array) -> None:
 
 @inner
 def _multiply(begin: int, end: int, A: BlockRows, p: Array, q: Array) -> float:
-    """q = A p of rows begin … end − 1; returns their part of pᵀq."""
+    """q = A p of rows begin … end − 1; returns their part of pᵀq. p and q are (n, 3)."""
     indptr = A.indptr
     indices = A.indices
     values = A.values
@@ -225,7 +225,10 @@ def _advance(
     begin: int, end: int, alpha: float, p: Array, q: Array, inverse: Array, x: Array, r: Array,
     z: Array,
 ) -> tuple[float, float]:  # fmt: skip
-    """x += α p, r −= α q, z = M⁻¹ r of nodes begin … end − 1; returns rᵀ z and rᵀ r."""
+    """x += α p, r −= α q, z = M⁻¹ r of nodes begin … end − 1; returns rᵀ z and rᵀ r of these.
+
+    `inverse` (n, 6) has the entries 11, 22, 33, 23, 13, 12 of the symmetric blocks of M⁻¹.
+    """
     rz = rr = 0.0
     for node in range(begin, end):
         i = np.uintp(node)

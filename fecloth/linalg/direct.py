@@ -45,24 +45,26 @@ class Direct:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """Solve A x = b (n, 3): x (n, 3) and its `SolveInfo`; `guess` is not used.
+        """Solve A x = b (n, 3); return x (n, 3) and its `SolveInfo`. `guess` is not used.
 
         x is refined, x += A⁻¹ (b − A x), until the residual is at most `rtol`. No method
         reduces the residual below the round-off of its own evaluation (Oettli and Prager
         1964). Therefore a residual of this size, up to 1e-6, is accepted in place of `rtol`.
-        Raises `SolveFailed` if A is singular or nearly singular.
+        Raises `SolveFailed` if A is singular or nearly singular, or b is not finite, and
+        `InputError` for wrong arguments.
         """
         begin = time.perf_counter()
         A, b, bb = check_arguments(self._A, b, rtol)
         x = np.zeros_like(b)
         r = b.copy()
         solves = 0
-        reached = float(bb > 0.0)
-        while not reached <= rtol and solves <= MOST_REFINEMENTS:
+        reached = float(bb > 0.0)  # ‖r‖ / ‖b‖ with x = 0
+        while not reached <= rtol and solves <= MOST_REFINEMENTS:  # also if it is not a number
             x += self._apply(r)
             reached = relative_residual(A, b, bb, x, r)
             solves += 1
         if not reached <= rtol:
+            # the round-off of b − A x is a multiple of EPS times |b| + |A| |x|
             terms = abs(b.ravel()) + abs(A.to_scipy()) @ abs(x.ravel())
             roundoff = 32 * EPS * np.linalg.norm(terms) / np.sqrt(bb)
             if not reached <= min(roundoff, 1e-6):
@@ -93,7 +95,11 @@ class Pardiso(Direct):
         self._release: weakref.finalize[..., Pardiso] | None = None
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Factorise A; the analysis is reused as long as the pattern is the same."""
+        """Factorise A; the analysis is reused as long as the pattern is the same.
+
+        Raises `IndefiniteMatrix` for a symmetric solver if A is not positive definite, and
+        `SolveFailed` if A is not finite or has no factor. After an error there is no matrix.
+        """
         begin = time.perf_counter()
         self._A = None
         self.prepared += 1
@@ -105,8 +111,11 @@ class Pardiso(Direct):
         self._seconds = time.perf_counter() - begin
 
     def _analyse(self, pattern: BlockPattern) -> None:
-        """Release the old factor, and analyse a new pattern."""
-        self._pattern = None
+        """Release the old factor, and analyse a new pattern.
+
+        The memory of PARDISO is released when this solver is deleted, or analyses again.
+        """
+        self._pattern = None  # until the analysis has succeeded
         if self._release is not None:
             self._release()
         self._rows = ScalarRows(pattern, upper=self.symmetric)
@@ -160,7 +169,7 @@ class SuperLU(Direct):
         self._rows: ScalarRows | None = None
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Factorise A."""
+        """Factorise A; raises as `Pardiso.prepare`, and after an error there is no matrix."""
         begin = time.perf_counter()
         self._A = None
         self.prepared += 1
@@ -174,7 +183,11 @@ class SuperLU(Direct):
         self._seconds = time.perf_counter() - begin
 
     def _factor(self, transposed: sparse.csc_matrix) -> SuperLUFactor:
-        """The factor of a matrix; if `symmetric` it must be positive definite."""
+        """Return the factor of a matrix A, given as `transposed` = Aᵀ.
+
+        If `symmetric`, raise `IndefiniteMatrix` unless A is positive definite; otherwise raise
+        `SolveFailed` if A has no factor.
+        """
         failure = IndefiniteMatrix if self.symmetric else SolveFailed
         try:
             if not self.symmetric:
@@ -212,15 +225,18 @@ class ScalarRows:
     """
 
     def __init__(self, pattern: BlockPattern, upper: bool):
+        """Find the rows of a pattern; with `upper` of its upper triangle alone."""
         self.pattern = pattern
         n = 3 * len(pattern)
+        # a matrix whose "values" are their places: its rows show where each number comes from
         places = np.arange(9 * len(pattern.indices)).reshape(-1, 3, 3)
         blocks = sparse.bsr_matrix((places, pattern.indices, pattern.indptr), shape=(n, n))
         rows = blocks.tocsr()
         if upper:
-            kept = rows.indices >= np.repeat(np.arange(n), np.diff(rows.indptr))
-            starts = np.append(0, np.cumsum(kept, dtype=np.int32))[rows.indptr]
-            rows = sparse.csr_matrix((rows.data[kept], rows.indices[kept], starts), shape=(n, n))
+            is_upper = rows.indices >= np.repeat(np.arange(n), np.diff(rows.indptr))
+            starts = np.append(0, np.cumsum(is_upper, dtype=np.int32))[rows.indptr]
+            numbers = rows.data[is_upper], rows.indices[is_upper], starts
+            rows = sparse.csr_matrix(numbers, shape=(n, n))
         self.places = rows.data
         self.arrays = np.empty(len(rows.data)), rows.indices, rows.indptr
 

@@ -49,17 +49,22 @@ class SweepOrder:
 
     @classmethod
     def from_pattern(cls, pattern: BlockPattern) -> Self:
-        """Colour the nodes greedily, each with the first colour that no neighbour has."""
+        """Colour the nodes of a pattern, and sort its nodes and blocks by colours.
+
+        Each node gets the first colour that no neighbour has. Within a colour nodes keep the
+        order of the mesh.
+        """
         n = len(pattern)
         colours = _colour(pattern.indptr, pattern.indices)
         nodes = np.argsort(colours, kind="stable").astype(np.int32)
         places = np.empty(n, np.int32)
         places[nodes] = np.arange(n, dtype=np.int32)
         starts = np.searchsorted(colours[nodes], np.arange(colours.max() + 2)).astype(np.int32)
-        row = places[pattern.rows]
-        later = colours[pattern.indices] - colours[pattern.rows]
-        off_diagonal = np.flatnonzero(later)
-        row = row[off_diagonal] + n * (later[off_diagonal] > 0)  # of L, or n + row of U
+        difference = colours[pattern.indices] - colours[pattern.rows]
+        # coupled nodes differ in colour: without a difference a block is on the diagonal
+        off_diagonal = np.flatnonzero(difference)
+        is_later = difference[off_diagonal] > 0  # it belongs to U
+        row = places[pattern.rows][off_diagonal] + n * is_later  # the row of L, or n + row of U
         slots = off_diagonal[np.argsort(row, kind="stable")].astype(np.int32)
         indptr = np.append(0, np.cumsum(np.bincount(row, minlength=2 * n))).astype(np.int32)
         return cls(
@@ -79,9 +84,12 @@ class SweepOrder:
 
 @kernel
 def _colour(indptr: Array, indices: Array) -> Array:
-    """(n,) int32 number of each node's colour."""
+    """Return the colour of each node of a pattern, (n,) int32, numbered from 0 on.
+
+    Each node in turn gets the first colour that none of its neighbours has.
+    """
     colours = np.full(len(indptr) - 1, -1, np.int32)
-    last = np.full(len(colours), -1)  # the last node with a neighbour of this colour
+    last = np.full(len(colours), -1)  # of each colour: the last node with a neighbour that has it
     for i in range(len(colours)):
         for j in indices[indptr[i] : indptr[i + 1]]:
             if colours[j] >= 0:
@@ -147,9 +155,10 @@ def sweep_residual(
     starts: Array, indptr: Array, indices: Array, values: Array, x: Array, r: Array,
     member: Member,
 ) -> None:  # fmt: skip
-    """r = b − A x = −U x for the x of `sweep_forward`.
+    """r = b − A x = −U x for the x of `sweep_forward`, which satisfies (D + L) x = b.
 
-    The threads divide each colour, because the early colours have most of U.
+    The parameters are as there. The threads divide each colour, because the early colours have
+    most of U.
     """
     n = len(x)
     for colour in range(len(starts) - 1):
@@ -168,7 +177,8 @@ def sweep_backward(
 ) -> None:  # fmt: skip
     """x ← (D + U)⁻¹ (b − L x), in place, from the last colour to the first.
 
-    Within a colour the places ascend: this is four times as fast as descending places.
+    The parameters are as in `sweep_forward`. Within a colour the places ascend: this is four
+    times as fast as descending places.
     """
     n = len(x)
     for colour in range(len(starts) - 2, -1, -1):

@@ -100,7 +100,12 @@ def pardiso(
 
 @cache
 def routine() -> Callable[..., None]:
-    """The C function ``pardiso``; the first call loads the MKL (0.1 s)."""
+    """Return the C function ``pardiso``; the first call loads the MKL (0.1 s).
+
+    It also sets environment variables of the MKL that the user has not set, and makes the number
+    of its threads independent of the load. Raises `ImportError` or `OSError` if the MKL cannot
+    be loaded.
+    """
     # Without this name pypardiso searches all folders below the prefix, which takes 0.3 s.
     for library in glob(f"{sys.prefix}/lib/libmkl_rt.so*"):
         os.environ.setdefault("PYPARDISO_MKL_RT", library)

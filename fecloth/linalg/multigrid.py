@@ -148,9 +148,10 @@ class Level:
     def allocate(
         cls, grid: Grid, A: BlockMatrix, inverse: np.ndarray, transposed: sparse.bsr_matrix
     ) -> Self:
-        """The level of a matrix, from the inverses (n, 6) of its diagonal blocks.
+        """Return the level of a matrix A, from the inverses (n, 6) of its diagonal blocks.
 
-        `transposed` is Pᵀ, whose columns are nodes. The blocks get its precision.
+        `transposed` is Pᵀ; its columns, the nodes, are renumbered in place by colours. The blocks
+        of the level get its precision.
         """
         n = len(A.pattern)
         transposed.indices = grid.order.places[transposed.indices]
@@ -174,7 +175,7 @@ class Level:
 
     @cached_property
     def sweeps(self) -> Sweeps:
-        """The arrays by colours."""
+        """The arrays of the level by colours, as kernels take them."""
         order = self.grid.order
         return Sweeps(
             nodes=order.nodes,
@@ -196,9 +197,12 @@ def make_grids(pattern: BlockPattern) -> list[Grid]:
 
 
 def make_levels(
-    grids: list[Grid], A: BlockMatrix, inverse: np.ndarray, motions: np.ndarray, kind: type
+    grids: list[Grid], A: BlockMatrix, inverse: np.ndarray, motions: np.ndarray, precision: type
 ) -> list[Level]:
-    """Compute the prolongators and the coarse matrices of A.
+    """Return the levels of A, the finest first, with their prolongators and coarse matrices.
+
+    Raises `IndefiniteMatrix` or `SolveFailed` if a diagonal block of a coarse matrix is not
+    positive definite or not finite.
 
     Parameters
     ----------
@@ -210,22 +214,28 @@ def make_levels(
         (n, 6) the inverses of its diagonal blocks.
     motions
         (6, n, 3) the motions with little energy, which all levels represent; overwritten.
-    kind
-        The precision of the finest level.
+    precision
+        The type of the numbers of the finest level; the coarser ones have double precision.
     """
     grid, *coarser = grids
     if not coarser:
-        empty = sparse.bsr_matrix((0, 3 * len(A.pattern)), blocksize=(3, 3), dtype=kind)
-        return [Level.allocate(grid, A, inverse, empty)]
+        shape = 0, 3 * len(A.pattern)
+        no_columns = sparse.bsr_matrix(shape, blocksize=(3, 3), dtype=precision)
+        return [Level.allocate(grid, A, inverse, transposed=no_columns)]
+    # a pinned component is coupled to no other node: the coarse levels shall not move it
     motions *= aggregation.is_coupled(A)
     coarse_motions = aggregation.orthonormalise(grid.of_node, motions)
     P = aggregation.prolongator(A, inverse, grid.of_node, motions)
-    coarse = aggregation.coarse_matrix(A, P, coarser[0].pattern)
-    level = Level.allocate(grid, A, inverse, P.T.astype(kind).tobsr((3, 3)))
+    coarse_A = aggregation.coarse_matrix(A, P, coarser[0].pattern)
+    level = Level.allocate(grid, A, inverse, P.T.astype(precision).tobsr((3, 3)))
     del P  # the coarser levels need its memory
-    coarse_inverse = np.empty((len(coarse.pattern), 6))
-    invert_diagonal(coarse, coarse_inverse, "multigrid, coarse matrix")
-    return [level, *make_levels(coarser, coarse, coarse_inverse, coarse_motions, np.float64)]
+    coarse_inverse = np.empty((len(coarse_A.pattern), 6))
+    invert_diagonal(coarse_A, coarse_inverse, "multigrid, coarse matrix")
+    # the coarser levels are small: single precision would save little
+    coarser_levels = make_levels(
+        coarser, coarse_A, coarse_inverse, coarse_motions, precision=np.float64
+    )
+    return [level, *coarser_levels]
 
 
 # Iterations that take as long as new coarse matrices.
@@ -253,10 +263,10 @@ class Multigrid(PCG):
     def drop(self) -> None:
         """Forget the coarse matrices and the positions."""
         self._levels: list[Level] = []
-        # Iterations over ln(1/rtol) of the first solve with these coarse matrices, and the
+        # Iterations per ln(1/rtol) of the first solve with these coarse matrices, and the
         # iterations that later solves took beyond this rate.
-        self._rate = 0.0
-        self._extra = 0.0
+        self._first_rate = 0.0
+        self._extra_iterations = 0.0
         self._x: np.ndarray | None = None
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
@@ -267,24 +277,29 @@ class Multigrid(PCG):
         self._x = x
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Invert the diagonal blocks of A, and make coarse matrices if there are none."""
+        """Take a new matrix A: invert its diagonal blocks, and make coarse matrices if needed.
+
+        The coarse matrices of an earlier A are kept, if the pattern is the same, until the
+        additional iterations with them have cost as much as new ones. Raises `IndefiniteMatrix`
+        or `SolveFailed` as `invert_diagonal` does.
+        """
         super().prepare(A)
         begin = time.perf_counter()
         self._A = None
         if not self._grids or not A.pattern.same_as(self._grids[0].pattern):
             self._levels = []
             self._grids = make_grids(A.pattern)
-        if self._levels and self._extra < ITERATIONS_PER_REBUILD:
-            self._levels[0].refill(A, self._inverse)
+        if self._levels and self._extra_iterations < ITERATIONS_PER_REBUILD:
+            self._levels[0].refill(A, self._inverse)  # the coarser levels stay
         else:
-            self._levels = []  # its memory is needed
-            self._rate = 0.0
-            self._extra = 0.0
+            self._levels = []  # the new levels need its memory
+            self._first_rate = 0.0
+            self._extra_iterations = 0.0
             x = self._x
             if x is None:
                 x = np.zeros((len(A.pattern), 3))
             motions = aggregation.rigid_motions(x)
-            self._levels = make_levels(self._grids, A, self._inverse, motions, np.float32)
+            self._levels = make_levels(self._grids, A, self._inverse, motions, precision=np.float32)
         self._A = A
         self._seconds += time.perf_counter() - begin
 
@@ -294,16 +309,20 @@ class Multigrid(PCG):
         """Solve A x = b (n, 3), starting from `guess` (n, 3) or 0: x (n, 3) and `SolveInfo`."""
         x, info = super().solve(b, rtol, guess)
         goal = math.log(1 / rtol)
-        self._rate = self._rate or info.iterations / goal
-        self._extra += max(0.0, info.iterations - self._rate * goal)
+        self._first_rate = self._first_rate or info.iterations / goal
+        self._extra_iterations += max(0.0, info.iterations - self._first_rate * goal)
         return x, info
 
     def _loop(
         self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, member: Member
     ) -> tuple[int, int]:
-        """Iterate as one of the threads; return the number of iterations and the status."""
+        """Iterate as one of the threads; return the number of iterations and the status.
+
+        It overrides the loop of `PCG`, by iterations whose M⁻¹ r is a cycle of multigrid. The
+        parameters are as there.
+        """
         rows = block_rows(A)
-        rz = self._carry[0]
+        rz = self._carry[0]  # of the iteration before; −1 for a start
         status = OUT_OF_ITERATIONS
         j = 0
         while j < limit and status == OUT_OF_ITERATIONS:
@@ -339,9 +358,10 @@ def _rows_of(matrix: sparse.bsr_matrix) -> BlockRows:
 
 
 def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
-    """The correction C b by two cycles, on a small or the coarsest level by one; b is overwritten.
+    """Return the correction C b, by two cycles or on a small or the coarsest level by one.
 
-    All threads share a large level. A small one is left to the first thread.
+    b is overwritten, and the result is valid until the next call. All threads call this function
+    and share a large level; a small one is left to the first thread, while the others wait.
     """
     level = levels[0]
     is_single = len(levels) == 1 or len(b) < FEWEST_NODES_OF_TWO_CYCLES
@@ -354,8 +374,9 @@ def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
         cycle(levels, b, member)
     else:
         first = cycle(levels, b, member)
-        subtract(block_rows(level.A), b, first, x, member)
-        add(cycle(levels, b, member), x, member)
+        subtract(block_rows(level.A), b, first, x, member)  # b becomes the residual, x = first
+        second = cycle(levels, b, member)
+        add(second, x, member)
     return x
 
 
@@ -363,7 +384,11 @@ def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
 def descend(
     sweeps: Sweeps, work: Work, b: Array, transposed: BlockRows, load: Array, member: Member
 ) -> None:
-    """Sweep forward from x = 0, and write −Pᵀ (b − A x) to `load` (2m, 3)."""
+    """Sweep forward from x = 0, and write −Pᵀ (b − A x) to `load` (2m, 3).
+
+    So the correction has the opposite sign, and `ascend` subtracts it. `transposed` is Pᵀ; x by
+    colours is left in ``work.x``.
+    """
     nodes, starts, indptr, indices, values, inverse = sweeps
     permute(nodes, b, work.b, member)
     wait(member)

@@ -24,10 +24,10 @@ def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
     """Write the inverses of the diagonal blocks of A to `inverse` (n, 6), see `invert_blocks`.
 
     Raises `SolveFailed` if a block is not finite, and `IndefiniteMatrix` if it is not positive
-    definite; the message begins with `name`.
+    definite; the message begins with `name`, the name of the solver.
     """
     node = invert_blocks(A.pattern.diagonal, A.values, inverse)
-    if node < 0:
+    if node < 0:  # all blocks are positive definite
         return
     block = A.values[A.pattern.diagonal[node]]
     where = f"the diagonal block of node {node}"
@@ -41,11 +41,12 @@ def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
 
 @kernel
 def invert_blocks(diagonal: Array, values: Array, inverse: Array) -> int:
-    """Invert the symmetric diagonal blocks by their cofactors.
+    """Invert the symmetric diagonal blocks of a matrix by their cofactors.
 
     `diagonal` (n,) are the numbers of the blocks in `values` (b, 3, 3). The entries 11, 22, 33,
-    23, 13, 12 of their inverses are written to `inverse` (n, 6). The result is the first node
-    whose block is not positive definite (Sylvester's criterion), or −1.
+    23, 13, 12 of their inverses are written to `inverse` (n, 6). Return the first node whose
+    block is not positive definite (Sylvester's criterion), or −1; the blocks after it are not
+    inverted.
     """
     for i in range(len(diagonal)):
         a = values[diagonal[i]]
@@ -82,7 +83,11 @@ class PCG:
         self._inverse = np.empty((0, 6))
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Invert the diagonal blocks of A; raise `IndefiniteMatrix` if one is not definite."""
+        """Take a new matrix A, and invert its diagonal blocks.
+
+        Raises `IndefiniteMatrix` if one is not positive definite, and `SolveFailed` if one is
+        not finite. After an error there is no matrix.
+        """
         begin = time.perf_counter()
         self._A = None
         self.prepared += 1
@@ -91,7 +96,7 @@ class PCG:
             self._inverse = np.empty((n, 6))
             r, z, p, q = np.zeros((4, n, 3))
             self._vectors = Vectors(r, z, p, q)
-            self._sums = np.empty((3, -(-n // BLOCK)))
+            self._sums = np.empty((3, -(-n // BLOCK)))  # the number of blocks, rounded up
             self._carry = np.empty(3)
         invert_diagonal(A, self._inverse, self.name)
         self._A = A
@@ -100,7 +105,12 @@ class PCG:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """Solve A x = b (n, 3), starting from `guess` (n, 3) or 0: x (n, 3) and `SolveInfo`."""
+        """Solve A x = b (n, 3), starting from `guess` (n, 3) or 0; return x and `SolveInfo`.
+
+        It ends when ‖b − A x‖ <= rtol ‖b‖. Raises `IndefiniteMatrix`, whose `so_far` is x of the
+        last iteration or None; `SolveFailed` if b or a product is not finite, after
+        `max_iterations`, or at round-off; and `InputError` for wrong arguments.
+        """
         begin = time.perf_counter()
         A, b, bb = check_arguments(self._A, b, rtol)
         x = np.zeros_like(b)
@@ -114,15 +124,15 @@ class PCG:
             x[:] = guess
             reached = relative_residual(A, b, bb, x, r)
         while not reached <= rtol:
-            left = self.max_iterations - iterations
-            count, status = self._iterate(A, x, threshold, limit=left)
+            iterations_left = self.max_iterations - iterations
+            count, status = self._iterate(A, x, threshold, limit=iterations_left)
             iterations += count
             # Round-off makes the recurrence of r drift away from the true residual. Restart from
             # the true residual as long as this reduces it.
-            before = reached
+            reached_before = reached
             reached = relative_residual(A, b, bb, x, r)
             try:
-                self._check(status, iterations, before, reached, rtol)
+                self._check(status, iterations, reached_before, reached, rtol)
             except IndefiniteMatrix as failure:
                 failure.so_far = x if iterations else None
                 raise
@@ -138,9 +148,13 @@ class PCG:
     def _iterate(
         self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
     ) -> tuple[int, int]:
-        """Iterate in portions, which the team times; return the number and the status."""
+        """Iterate from x until ‖r‖² <= `threshold`, at most `limit` times; x is overwritten.
+
+        Return the number of iterations, and the status as `conjugate_gradients` does. The
+        iterations are done in portions, which the team times.
+        """
         team = A.team if A.team.shares(len(x)) else ALONE
-        self._carry[0] = -1.0
+        self._carry[0] = -1.0  # a start
         done = 0
         status = OUT_OF_ITERATIONS
         while status == OUT_OF_ITERATIONS and done < limit:
@@ -152,7 +166,7 @@ class PCG:
     def _share(
         self, team: Team, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
     ) -> tuple[int, int]:
-        """Iterate on one thread or on all, as the team decides."""
+        """Do the iterations of a portion, on one thread or on all, as the team decides."""
 
         def loop(member: Member) -> tuple[int, int]:
             return self._loop(A, x, threshold, limit, member)
@@ -166,7 +180,10 @@ class PCG:
     def _loop(
         self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, member: Member
     ) -> tuple[int, int]:
-        """Iterate as one of the threads; return the number of iterations and the status."""
+        """Iterate as one of the threads; return the number of iterations and the status.
+
+        The parameters are as in `conjugate_gradients`. A subclass may override it.
+        """
         return conjugate_gradients(
             block_rows(A),
             self._inverse,
@@ -182,7 +199,11 @@ class PCG:
     def _check(
         self, status: int, iterations: int, before: float, reached: float, rtol: float
     ) -> None:
-        """Raise the error of a status, or of a residual that a restart no longer halves."""
+        """Raise the error of a status, or of a residual that a restart no longer halves.
+
+        `before` and `reached` are the relative residuals at the last restart and now. Raises
+        `IndefiniteMatrix` if A is not positive definite, and `SolveFailed` otherwise.
+        """
         name = self.name
         done = amount(iterations, "iteration")
         if status == NOT_FINITE:

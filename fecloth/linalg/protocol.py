@@ -153,7 +153,10 @@ def residual(A: BlockRows, b: Array, x: Array, r: Array, sums: Array, begin: int
 
 @inner
 def subtract_product(begin: int, end: int, A: BlockRows, b: Array, x: Array, r: Array) -> float:
-    """r = b − A x in rows begin … end − 1; returns ‖r‖² of these rows."""
+    """r = b − A x in rows begin … end − 1; returns ‖r‖² of these rows.
+
+    b, x and r are (n, 3); r may be the array of b.
+    """
     indptr = A.indptr
     indices = A.indices
     values = A.values

@@ -71,6 +71,7 @@ class AutoSolver:
     _A: BlockMatrix | None
 
     def __init__(self, pattern: BlockPattern, direct: Callable[[], Pardiso | SuperLU]):
+        """Begin with conjugate gradients, for matrices of about this pattern."""
         self._nodes = len(pattern)
         self.prepared = 0
         self._make: dict[str, Callable[[], PCG | Pardiso | SuperLU]]
@@ -83,16 +84,17 @@ class AutoSolver:
     def drop(self) -> None:
         """Reset to the initial state: remove all averages and solvers."""
         self._solvers: dict[str, PCG | Pardiso | SuperLU] = {}
-        self._begun: tuple[float, float, np.ndarray] | None = None
-        self._restart()
+        self._step_begun: tuple[float, float, np.ndarray] | None = None
+        self._reset_averages()
 
-    def _restart(self) -> None:
-        """Begin anew with conjugate gradients and guesses; keep the solvers."""
-        self._size: float | None = None  # wx/wa of the first step
+    def _reset_averages(self) -> None:
+        """Begin anew with conjugate gradients and guessed averages; keep the solvers."""
+        self._first_size: float | None = None  # wx/wa of the first step
         self._pattern: BlockPattern | None = None  # of the last matrix
-        self._share = 0.0  # of recent matrices whose pattern was new
+        self._new_patterns = 0.0  # share of recent matrices whose pattern was new
         self._work = 0.0  # since the last solve
         guesses = {mode: self.guess(mode) for mode in self._make if mode != "pcg"}
+        # conjugate gradients begin: no other solver has a smaller average
         self._average = {"pcg": min(guesses.values()), **guesses}
         if "direct" not in self._solvers:
             self._average["direct"] += LOADING_WORK / self._nodes
@@ -100,17 +102,20 @@ class AutoSolver:
         self._use("pcg")
 
     def _use(self, mode: str) -> None:
-        """Take the solver of a mode; make it if necessary."""
+        """Take the solver of a mode ("pcg", "direct" or "multigrid"); make it if necessary.
+
+        It has no matrix then: `prepare` must follow. It is told of the step that has begun.
+        """
         if mode not in self._solvers:
             self._solvers[mode] = self._make[mode]()
-            if mode != "pcg":
+            if mode != "pcg":  # the MKL is loaded now: a guess without `LOADING_WORK`
                 self._average[mode] = min(self._average[mode], self.guess(mode))
         self._mode = mode
         self._solver = self._solvers[mode]
         self.prepared = self.prepared + 1
         self._A = None
-        if self._begun:
-            self._solver.begin(*self._begun)
+        if self._step_begun:
+            self._solver.begin(*self._step_begun)
 
     @property
     def name(self) -> str:
@@ -121,21 +126,25 @@ class AutoSolver:
         """The work for a matrix and a solve with "direct" or "multigrid", as a guess."""
         if mode == "multigrid":
             return MULTIGRID_GUESS + TANGENT_WORK * self._blocks_in_row
-        return FACTORS_PER_SOLVE * self._preparation(mode) + self._solution(mode, 0)
+        return FACTORS_PER_SOLVE * self._prepare_work(mode) + self._solve_work(mode, 0)
 
-    def _price(self, mode: str) -> float:
+    def _average_with_pattern(self, mode: str) -> float:
         """The average work of a solve, with its share of the work of a new pattern."""
-        return self._average[mode] + self._share * PATTERN[mode]
+        return self._average[mode] + self._new_patterns * PATTERN[mode]
 
-    def _preparation(self, mode: str) -> float:
-        """The work of a tangent, and of its factor."""
+    def _prepare_work(self, mode: str) -> float:
+        """Return the work of a tangent, and of its factor, in iterations of `PCG`."""
         tangent = TANGENT_WORK * self._blocks_in_row
         if mode == "direct":
-            return tangent + 1.1 * self._blocks_in_row * self._solution(mode, 0)
+            return tangent + 1.1 * self._blocks_in_row * self._solve_work(mode, 0)
         return tangent
 
-    def _solution(self, mode: str, iterations: int) -> float:
-        """The work of a solve, with refinements or iterations."""
+    def _solve_work(self, mode: str, iterations: int) -> float:
+        """Return the work of a solve, in iterations of `PCG`.
+
+        `iterations` are those of the solver; of a direct solver the refinements, each of which
+        costs a solve with the factor, about ∛n for n nodes.
+        """
         if mode == "direct":
             work = (1 + iterations) * math.cbrt(self._nodes)
             if mode in self._solvers and self._solvers[mode].name == "superlu":
@@ -146,21 +155,28 @@ class AutoSolver:
         return float(iterations)
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        """Note that a step begins; if wx/wa has changed by more than 4, begin anew."""
-        self._begun = (wx, wa, x)
+        """Note that a step begins; if wx/wa has changed by more than 4, begin anew.
+
+        wx/wa is about dt², so this is a change of the step size by more than 2.
+        """
+        self._step_begun = (wx, wa, x)
         size = wx / wa
-        if self._size and not 0.25 <= size / self._size <= 4:
-            self._restart()
-        self._size = self._size or size
+        if self._first_size and not 0.25 <= size / self._first_size <= 4:
+            self._reset_averages()
+        self._first_size = self._first_size or size
         self._solver.begin(wx, wa, x)
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Select a solver and let it prepare A."""
+        """Select the solver with the least average work, and let it prepare A.
+
+        The solver in use stays unless another one is clearly cheaper, see `RATIO_FOR_CHANGE`.
+        """
         is_new = self._pattern is not None and not A.pattern.same_as(self._pattern)
         self._pattern = A.pattern
-        self._share += WEIGHT * (is_new - self._share)
-        cheapest = min(self._make, key=self._price)
-        if self._price(cheapest) < RATIO_FOR_CHANGE * self._price(self._mode):
+        self._new_patterns += WEIGHT * (is_new - self._new_patterns)
+        cheapest = min(self._make, key=self._average_with_pattern)
+        average_in_use = self._average_with_pattern(self._mode)
+        if self._average_with_pattern(cheapest) < RATIO_FOR_CHANGE * average_in_use:
             self._use(cheapest)
         self._prepare(A)
 
@@ -168,32 +184,40 @@ class AutoSolver:
         """Let the solver in use prepare A."""
         self.prepared = self.prepared + 1
         self._A = None
-        self._work += self._preparation(self._mode)
+        self._work += self._prepare_work(self._mode)
         self._solver.prepare(A)
         self._A = A
 
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """Solve A x = b: x (n, 3) and `SolveInfo`, by another solver if it takes long."""
+        """Solve A x = b (n, 3) by the solver in use; return x (n, 3) and its `SolveInfo`.
+
+        If it fails or takes more than a factor (`FIRST_PATIENCE`, `PATIENCE`) times the guess of
+        the cheapest other solver, that one takes over and solves at once. The work goes into the
+        averages. Raises `IndefiniteMatrix` if A is not positive definite, and `SolveFailed` if
+        the direct solver fails.
+        """
         A, _, _ = check_arguments(self._A, b, rtol)
         others = [mode for mode in self._make if mode not in ("pcg", self._mode)] or ["direct"]
-        price, other = min((self.guess(m) + self._share * PATTERN[m], m) for m in others)
+        guesses = [(self.guess(mode) + self._new_patterns * PATTERN[mode], mode) for mode in others]
+        cheapest_guess, other = min(guesses)
         is_known = self._solves[self._mode] > 1
-        limit = (PATIENCE if is_known else FIRST_PATIENCE) * price
+        limit = (PATIENCE if is_known else FIRST_PATIENCE) * cheapest_guess
         if isinstance(self._solver, PCG):
-            work = CYCLE_WORK if self._mode == "multigrid" else 1.0
-            self._solver.max_iterations = max(10, int(limit / work))
+            iteration_work = CYCLE_WORK if self._mode == "multigrid" else 1.0
+            self._solver.max_iterations = max(10, int(limit / iteration_work))
         try:
             x, info = self._solver.solve(b, rtol, guess)
         except SolveFailed as failure:
+            # no other solver helps where A is indefinite, or where a factor fails
             if isinstance(failure, IndefiniteMatrix) or self._mode == "direct":
                 raise
             self._average[self._mode] = limit
             self._use(other)
             self._prepare(A)
             return self.solve(b, rtol, guess)
-        self._work += self._solution(self._mode, info.iterations)
+        self._work += self._solve_work(self._mode, info.iterations)
         self._take_note_of(self._work)
         self._work = 0.0
         return x, info

@@ -21,7 +21,7 @@ from fecloth.terms import Tether
 
 
 def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
-    """Spectral radius of one step on the oscillator x'' + 2ζω x' + ω² x = 0.
+    """Return the spectral radius of one step on the oscillator x'' + 2ζω x' + ω² x = 0.
 
     Above 1 the motion grows. In the long run, each step multiplies its energy by the square of
     the radius.
@@ -42,6 +42,12 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
     -------
     float or numpy.ndarray
         The radius, of the shape of the arguments.
+
+    Raises
+    ------
+    InputError
+        For what is no method of one step size, ω dt <= 0, ζ < 0, shapes that do not go together,
+        or a method that remembers more than seven arrays.
     """
     method = resolve_method(method)
     omega_dt = _check_numbers("omega_dt", omega_dt, positive=True)
@@ -62,9 +68,11 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
 def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     """The matrix that takes (x, v, memory) before a step of dt = 1 to (x, v, memory) after it.
 
-    Each is one component of the oscillator. The memory is every array (n, 3) that a step hands
-    on to the next one, in a fixed order. For a method that takes it as a first guess only, its
-    columns are zero.
+    It is (size, size), with size = 2 + the number of arrays in the memory. The memory is every
+    array (n, 3) that a step hands on to the next one, in a fixed order; of each array one
+    component counts. For a method that takes the memory as a first guess only, its columns are
+    zero. `omega_dt` is ω dt and `zeta` is ζ. Raises `InputError` for a memory of more than seven
+    arrays.
     """
     system = _oscillators(omega_dt, zeta)
     linear = SuperLU(system.symmetric and method.traits.symmetric)
@@ -73,7 +81,7 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     start = State(0.0, *np.zeros((2, 3, 3)))
     memory = method.step(system, start, 1.0, solver, None).memory
     size = 2 + len(_arrays(memory))
-    if size > start.x.size:
+    if size > start.x.size:  # there are nine oscillators, one for each column
         raise InputError(f"method = {method!r}", "remembers too many arrays", "amplification")
     units = np.eye(size, start.x.size).reshape(size, 3, 3)  # oscillator i starts from unit i
     start = State(0.0, units[0], units[1])
@@ -83,7 +91,7 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
 
 
 def resolve_method(method):
-    """Return a method object from a method, its class or its name.
+    """Return a method object from a method, its class or its name in a scene.
 
     Raises `InputError` for anything else, and for a choice of steps.
     """
@@ -101,7 +109,10 @@ def resolve_method(method):
 
 
 def _check_numbers(name: str, value, positive: bool) -> np.ndarray:
-    """The values as an array of floats; `InputError` unless all are > 0, or else >= 0."""
+    """Return the values as an array of floats.
+
+    Raises `InputError` unless all are finite and > 0 if `positive`, otherwise >= 0.
+    """
     value = floats(name, value, "amplification")
     if positive:
         sign = "> 0"
@@ -134,7 +145,10 @@ def _arrays(record) -> list[np.ndarray]:
 
 
 def _with_arrays(record, arrays: Iterator[np.ndarray]):
-    """The record with its arrays replaced, in the order of `_arrays`."""
+    """Return the record with its arrays replaced by the next `arrays`, in the order of `_arrays`.
+
+    Records inside it are replaced, too; anything else stays.
+    """
     if isinstance(record, np.ndarray):
         return next(arrays)
     if not is_dataclass(record) or isinstance(record, type):

@@ -37,7 +37,7 @@ POWER_ITERATIONS = 20
 
 
 def critical_dt(system: System, state: State, method="symplectic_euler") -> float:
-    """The largest stable step of a method on the system, linearised at a state [s].
+    """Return the largest stable step of a method on the system, linearised at a state [s].
 
     With Ω = ω dt for each mode, as the methods are coded:
 
@@ -92,7 +92,7 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
         with _as_solve_failed():
             return _forward_euler(*_free_operators(system, state))
     a, b = _limit(method)
-    if a == 0:
+    if a == 0:  # A-stable
         return math.inf
     K, D, M = _free_operators(system, state)
     with _as_solve_failed():
@@ -111,7 +111,7 @@ def _as_solve_failed() -> Iterator[None]:
 
 
 def element_bound(system: System, method="symplectic_euler") -> float:
-    """A step that is stable at rest [s], at most `critical_dt`, by `rate_bounds`.
+    """Return a step that is stable at rest [s], at most `critical_dt`, by `rate_bounds`.
 
     It takes one assembly and no eigenvalues. With a lumped mass the step is up to 1.3 times
     smaller than `critical_dt` (StVK sheets 1.1 times), with a consistent one up to 1.7 times.
@@ -134,18 +134,19 @@ def element_bound(system: System, method="symplectic_euler") -> float:
 
 
 def rate_bounds(system: System) -> tuple[float, float]:
-    """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest, without pins.
+    """Return upper bounds of the eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest.
 
-    The largest one is at most the largest Σ_j |A_ij| w_j/(m_i w_i) over the rows i, for any w
-    > 0 (Collatz 1942, Einschließungssatz für die charakteristischen Zahlen von Matrizen, Math.
-    Z. 48). A consistent mass is at least a part of its scaled diagonal, which counts in its
-    place.
+    Pins are left out, as they only make the largest eigenvalue smaller. The largest eigenvalue
+    of M⁻¹A is at most the largest Σ_j |A_ij| w_j/(m_i w_i) over the rows i, for any w > 0
+    (Collatz 1942, Einschließungssatz für die charakteristischen Zahlen von Matrizen, Math. Z.
+    48). A consistent mass is at least a part of its scaled diagonal, which counts in its place.
+    Raises `SolveFailed` if K or D is not finite.
     """
     if system.mass_kind == "consistent":
         part = system.cloth.least_mass
     else:
         part = 1.0
-    mass = np.repeat(part * system.diagonal_mass, 3)
+    mass = np.repeat(part * system.diagonal_mass, 3)  # one for each component of each node
     rest = system.rest()
     stiffness = _row_bound(system.stiffness(rest), mass)
     damping = _row_bound(system.damping(rest), mass)
@@ -153,10 +154,10 @@ def rate_bounds(system: System) -> tuple[float, float]:
 
 
 def _row_bound(A, mass: np.ndarray) -> float:
-    """Upper bound of the eigenvalues of M⁻¹A, see `rate_bounds`.
+    """Return an upper bound of the eigenvalues of M⁻¹A, see `rate_bounds`.
 
-    Any weights w > 0 give a bound. The weights of the power method, w ← w + M⁻¹|A| w, give small
-    ones.
+    A (3n, 3n) is sparse, and counts by its symmetric part; `mass` is (3n,). Any weights w > 0
+    give a bound. The weights of the power method, w ← w + M⁻¹|A| w, give small ones.
     """
     absolute = abs(A + A.T) / 2
     w = np.ones(len(mass))
@@ -166,6 +167,7 @@ def _row_bound(A, mass: np.ndarray) -> float:
         if not np.isfinite(product).all():
             raise SolveFailed("K or D is not finite at rest: no step is known to be stable")
         bound = min(bound, float((product / w).max()))
+        # scaled: both summands have the same largest entry, whatever the units of A and M
         w += product / max(product.max(), np.finfo(float).tiny) * w.max()
     return bound
 
@@ -179,38 +181,42 @@ def _limit(method) -> tuple[float, float]:
 
 
 def _smallest_step(K, D, M) -> float:
-    """The smallest dt of dt² k + dt d = 1 over all z, with the Rayleigh quotients k and d of z.
+    """Return the smallest dt of dt² k + dt d = 1 over all z.
 
+    k and d are the Rayleigh quotients of z, z·Kz/z·Mz and z·Dz/z·Mz; D is None without damping.
     The dt of any z is an upper bound. The eigenvector of dt² K + dt D with the largest
     eigenvalue gives a smaller dt, until dt is the smallest: this is Newton's iteration, from
     above.
     """
-    stiffness, z = _largest(K, M)
+    stiffness, stiffest = _largest(K, M)
     if D is None:
         return step_of_rates(max(stiffness, 0.0), 0.0)
 
-    def root(z):
+    def dt_of(z):
         k, d, m = (float(np.vdot(z, A @ z)) for A in (K, D, M))
         return step_of_rates(max(k / m, 0.0), d / m)
 
-    dt = min(root(z), root(_largest(D, M)[1]))
+    _, most_damped = _largest(D, M)
+    dt = min(dt_of(stiffest), dt_of(most_damped))
     for _ in range(20):
         if math.isinf(dt):
             break
         damping = dt * D
         if not issparse(K):  # it has dense parts, and is an operator
             damping = aslinearoperator(damping)
-        last = dt
-        dt = min(dt, root(_largest(dt**2 * K + damping, M)[1]))
-        if dt >= last * (1 - 1e-9):
+        dt_before = dt
+        _, fastest = _largest(dt**2 * K + damping, M)
+        dt = min(dt, dt_of(fastest))
+        if dt >= dt_before * (1 - 1e-9):  # it no longer falls
             break
     return dt
 
 
 def _forward_euler(K, D, M) -> float:
-    """The largest stable dt of forward Euler, min 2 |Re λ|/|λ|² over the modes.
+    """Return the largest stable dt of forward Euler, min 2 |Re λ|/|λ|² over the modes.
 
-    With more than `MOST_DENSE_DIRECTIONS` it is a safe dt, as `critical_dt` says.
+    It is 0 if a stiff mode has no damping. With more than `MOST_DENSE_DIRECTIONS` it is a safe
+    dt, min(least d/k, 2/largest d), as `critical_dt` says. D is None without damping.
     """
     largest_damping = 0.0 if D is None else _largest(D, M)[0]
     if largest_damping <= 0:
@@ -226,7 +232,7 @@ def _forward_euler(K, D, M) -> float:
     start = np.random.default_rng(0).standard_normal(K.shape[0])
     values, vectors = eigsh(K, k=1, M=B, Minv=inverse, which="LA", v0=start, tol=1e-8)
     z = vectors[:, 0]
-    if values[0] <= 0:
+    if values[0] <= 0:  # nothing is stiff
         return 2 / largest_damping
     k, d, m = (float(np.vdot(z, A @ z)) for A in (K, D, M))
     if d <= tiny * m:
@@ -235,57 +241,66 @@ def _forward_euler(K, D, M) -> float:
 
 
 def _over_all_modes(K, D, M) -> float:
-    """min 2 |Re λ|/|λ|² over all eigenvalues λ of (λ² M + λ D + K) z = 0, with dense matrices."""
+    """Return min 2 |Re λ|/|λ|² over all eigenvalues λ of (λ² M + λ D + K) z = 0.
+
+    The matrices are made dense. They become one matrix of twice the size for (ω z, λ z), where
+    ω is of the size of the frequencies, so that its entries are of one size.
+    """
     unit = np.eye(K.shape[0])
-    k, d = (np.linalg.solve(M.toarray(), A @ unit) for A in (K, D))
+    k, d = (np.linalg.solve(M.toarray(), A @ unit) for A in (K, D))  # M⁻¹K and M⁻¹D
     omega = math.sqrt(max(np.linalg.norm(k, 2), np.finfo(float).tiny))
     rates = eigvals(np.block([[0 * unit, omega * unit], [-k / omega, -d]]))
     size = abs(rates).max()
     rates = rates[abs(rates) > 1e-6 * size]  # the others drift, as a free cloth does
-    growing = (rates.real > 0) & (abs(rates.imag) < NEGLIGIBLE_DAMPING * size)
-    rates = rates[~growing]  # directions with negative stiffness are left out
-    decay = np.where(-rates.real > 0.1 * NEGLIGIBLE_DAMPING * size, -rates.real, 0.0)
+    is_growing = (rates.real > 0) & (abs(rates.imag) < NEGLIGIBLE_DAMPING * size)
+    rates = rates[~is_growing]  # directions with negative stiffness are left out
+    is_damped = -rates.real > 0.1 * NEGLIGIBLE_DAMPING * size  # and not by round-off
+    decay = np.where(is_damped, -rates.real, 0.0)
     return float(np.min(2 * decay / abs(rates) ** 2, initial=math.inf))
 
 
 def _free_operators(system: System, state: State):
-    """ZᵀKZ, ZᵀDZ and ZᵀMZ, where the columns of Z are the free directions.
+    """Return ZᵀKZ, ZᵀDZ and ZᵀMZ at a state, where the columns of Z are the free directions.
 
-    Of K and D it is the symmetric part, and K has its dense parts. ZᵀDZ is None where no term
-    depends on the velocity.
+    They are sparse and symmetric: of K and D it is the symmetric part. With parts of K that
+    couple all nodes ZᵀKZ is an operator that contains them. ZᵀDZ is None where no term depends
+    on the velocity. Raises `InputError` if no direction is free.
     """
     Z = system.admissible
     if Z.shape[1] == 0:
         raise InputError("no free direction", "needs a node that moves", "critical_dt")
 
-    def free(A):
+    def symmetric_free_part(A):
         A = (Z.T @ A @ Z).tocsr()
         return (A + A.T) / 2
 
-    damped = any(term.velocity_dependent for term in system.bound)
-    K = free(system.stiffness(state))
-    D = free(system.damping(state)) if damped else None
-    for c, u in system.dense(state):
+    is_damped = any(term.velocity_dependent for term in system.bound)
+    K = symmetric_free_part(system.stiffness(state))
+    D = symmetric_free_part(system.damping(state)) if is_damped else None
+    for c, u in system.dense(state):  # c u uᵀ = w wᵀ
         w = math.sqrt(c) * (Z.T @ u.ravel())
         part = LinearOperator(K.shape, lambda y, w=w: w * np.vdot(w, y), dtype=float)
         K = aslinearoperator(K) + part
-    return K, D, free(system.mass)
+    return K, D, symmetric_free_part(system.mass)
 
 
 def _largest(A, M) -> tuple[float, np.ndarray]:
-    """The largest eigenvalue of M⁻¹A and its vector; A and M are symmetric, M also definite."""
+    """Return the largest eigenvalue of M⁻¹A, and its eigenvector (n,).
+
+    A and M (n, n) are symmetric, M also definite. A may be an operator. By Lanczos' method.
+    """
     n = A.shape[0]
-    lumped = M.nnz == M.shape[0]
+    is_lumped = M.nnz == M.shape[0]
     if n <= 3:  # Lanczos needs more dimensions
         values, vectors = eigh(A @ np.eye(n), M.toarray())
         return float(values[-1]), vectors[:, -1]
     start = np.random.default_rng(0).standard_normal(n)  # the same answer in each run
     if not (A @ start).any():  # nothing stiff
         return 0.0, start
-    root = np.ones(n)
-    if lumped:  # then of M^-½ A M^-½ without a mass
-        root = 1 / np.sqrt(M.diagonal())
+    scale = np.ones(n)
+    if is_lumped:  # the same eigenvalue of M^-½ A M^-½, without a mass
+        scale = 1 / np.sqrt(M.diagonal())
         M = None
-    scaled = LinearOperator(A.shape, lambda y: root * (A @ (root * y.ravel())), dtype=float)
+    scaled = LinearOperator(A.shape, lambda y: scale * (A @ (scale * y.ravel())), dtype=float)
     values, vectors = eigsh(scaled, k=1, M=M, which="LA", v0=start, tol=1e-10)
-    return float(values[0]), root * vectors[:, 0]
+    return float(values[0]), scale * vectors[:, 0]

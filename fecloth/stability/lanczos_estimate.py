@@ -74,18 +74,20 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     for _ in range(MOST_ROUNDS):
         # dt is about 1/√value, so the value may have twice the relative error of dt.
         value, residual, z = _lanczos(products.at(dt), z, 2 * tol)
-        if value <= 0:
+        if value <= 0:  # nothing is stiff
             return math.inf
-        before = dt
+        dt_before = dt
         dt = products.root(z, dt, value, residual)
-        if not products.damped or abs(dt - before) <= tol * dt:
+        # without damping value/dt² does not depend on dt: one round is enough
+        if not products.damped or abs(dt - dt_before) <= tol * dt:
             break
     return dt
 
 
 def largest_rates(system: System, state: State) -> tuple[float, float]:
-    """The largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at a state, within about a tenth.
+    """Return the largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s], within about a tenth.
 
+    K and D are those at the state; the result is 0 where nothing is stiff, or nothing damped.
     Only forces are evaluated. A consistent mass is at least a part of its scaled diagonal, a
     quarter for P1, and that part counts in its place. Raises `SolveFailed` as `estimate` does.
     """
@@ -118,6 +120,7 @@ class _Products:
     """
 
     def __init__(self, system, state, a, b):
+        """Evaluate the force at the state; raise `SolveFailed` if it is not finite."""
         # A term that remembers, as friction, is as stiff as before it yields.
         self.system = system = system.with_history(system.start_history(state))
         self.state = state
@@ -144,14 +147,19 @@ class _Products:
         return noise.ravel() / size
 
     def product(self, y, wx, wv) -> np.ndarray:
-        """M^-½ P (wx K + wv D) P M^-½ y, (3n,), from a difference of forces."""
+        """Return M^-½ P (wx K + wv D) P M^-½ y, (3n,), from a difference of forces.
+
+        y is (3n,), along the free directions; wx or wv is > 0. One force is evaluated, where the
+        nodes are displaced by at most `RELATIVE_PUSH` of an edge, or without stiffness are
+        faster by at most `VELOCITY_PUSH`.
+        """
         state = self.state
         z = y.reshape(-1, 3) / self.root_mass
         if wx:
-            size = RELATIVE_PUSH * self.edge / wx
+            largest_push = RELATIVE_PUSH * self.edge / wx
         else:
-            size = VELOCITY_PUSH / wv
-        push = size / np.abs(z).max()
+            largest_push = VELOCITY_PUSH / wv
+        push = largest_push / np.abs(z).max()
         pushed = State(state.t, state.x + push * wx * z, state.v + push * wv * z)
         change = (self.force - self.system.force(pushed)) / push
         return self.system.constraints.project(change / self.root_mass).ravel()
@@ -190,10 +198,12 @@ def _not_finite(system: System, state: State) -> str:
 
 
 def _lanczos(apply, start, tol):
-    """Largest Ritz value of an operator, its residual and its vector (Lanczos' method).
+    """Return the largest Ritz value of a symmetric operator, its residual and its unit vector.
 
-    It ends when the residual is at most `tol` times the value, after `MOST_LANCZOS_STEPS`, or
-    when the basis spans an invariant subspace: then the value is an eigenvalue.
+    By Lanczos' method: `apply` is the operator on vectors (3n,), `start` the first vector. It
+    ends when the residual is at most `tol` times the value, after `MOST_LANCZOS_STEPS`, or when
+    the basis spans an invariant subspace: then the value is an eigenvalue. Raises `SolveFailed`
+    if a product is not finite.
     """
     basis = np.empty((MOST_LANCZOS_STEPS, len(start)))  # takes memory only as rows are filled
     basis[0] = start / np.linalg.norm(start)
@@ -210,7 +220,7 @@ def _lanczos(apply, start, tol):
             r -= (Q @ r) @ Q
         values, vectors = eigh_tridiagonal(diagonal, off_diagonal)
         value = values[-1]
-        s = vectors[:, -1]
+        s = vectors[:, -1]  # the Ritz vector is s @ Q
         new_size = float(np.linalg.norm(r))
         residual = new_size * abs(s[-1])
         is_last = len(Q) == MOST_LANCZOS_STEPS

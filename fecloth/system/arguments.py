@@ -8,9 +8,11 @@ from fecloth.system.system import System
 
 
 def check_system(system: object, state: object, where: str, starts: bool = True) -> None:
-    """Raise `InputError` for what is no system, or no state of it.
+    """Raise `InputError` for an argument that is no system, or for what is no state of it.
 
-    `where` names the function. A state that `starts` a motion must be outside of obstacles, too.
+    Times, positions and velocities must be finite. `where` names the function in the error. A
+    state that `starts` a motion must also be outside of obstacles, and whatever else its terms
+    ask of a start.
     """
     if not isinstance(system, System):
         remedy = "The state comes second." if isinstance(system, State) else ""
@@ -29,7 +31,10 @@ def check_system(system: object, state: object, where: str, starts: bool = True)
 
 
 def _check_array(name: str, value: object, nodes: int, where: str) -> None:
-    """Raise `InputError` for anything but an array of (nodes, 3) finite numbers."""
+    """Raise `InputError` for anything but an array of (nodes, 3) finite numbers.
+
+    `name` is the array, and `where` the function in the error.
+    """
     if not isinstance(value, np.ndarray) or value.dtype != float:
         remedy = "system.state(x, v) makes arrays of lists."
         allowed = "must be an array of floating-point numbers"

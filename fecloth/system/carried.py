@@ -34,27 +34,36 @@ def carry(system: System, x: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 def carry_piece(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Positions (k, 3) [m] of the nodes of a piece that is carried from x to the `target`."""
-    outside = piece.outside
+    """Return the positions (k, 3) [m] of the nodes of a piece that its pins carry along.
+
+    x and `target` (n, 3) are the positions before, and where the pins hold the nodes after. The
+    piece must have held nodes. `carry` says how the others follow.
+    """
+    projectors = piece.held_projectors
     start = x[piece.nodes]
     held = x[piece.held]
-    goal = held + np.einsum("hij,hj->hi", outside, target[piece.held] - held)
+    # only the directions in which the pins hold count
+    goal = held + np.einsum("hij,hj->hi", projectors, target[piece.held] - held)
     way = goal - held
     if not way.any():
         return start
     nodes = start
-    for _ in range(MOST_ROTATIONS):  # each is the least rotation that fits best
+    # Each rotation is the least that fits best. The fit is linear in the rotation. So after a
+    # large one it is repeated from where that led.
+    for _ in range(MOST_ROTATIONS):
         centre = held.mean(axis=0)
-        u, omega = fit_motion(outside, turns(held - centre), goal - held, UNKNOWN_MOTION)
+        u, omega = fit_motion(projectors, turns(held - centre), goal - held, UNKNOWN_MOTION)
         R = Rotation.from_rotvec(omega).as_matrix()
         held = centre + u + (held - centre) @ R.T
         nodes = centre + u + (nodes - centre) @ R.T
         if np.linalg.norm(omega) < SMALLEST_ROTATION:
             break
     centre = held.mean(axis=0)
+    # the affine motion that fits what is left: u + G (y − centre), with G (3, 3)
     stretches = np.einsum("ij,hk->hijk", np.eye(3), held - centre).reshape(len(held), 3, 9)
-    u, G = fit_motion(outside, stretches, goal - held, UNKNOWN_MOTION)
+    u, G = fit_motion(projectors, stretches, goal - held, UNKNOWN_MOTION)
     nodes = nodes + u + (nodes - centre) @ G.reshape(3, 3).T
+    # a node that goes much farther than the pins was not meant to: all move by their mean way
     if longest(nodes - start) > LONGEST_CARRIED * longest(way):
         return start + way.mean(axis=0)
     return nodes

@@ -14,7 +14,10 @@ from fecloth.system.state import State
 
 
 def find_clamps(constraints: Constraints, cloth: Cloth, start: State) -> Clamps | None:
-    """The clamped edges of the pins, held as at the start; None without a clamped pin."""
+    """Return the clamped edges of all pins, with their normals as in the state `start`.
+
+    None without a clamped pin. Raises `InputError` for a clamped pin without a boundary edge.
+    """
     groups = [group for group in constraints.groups.values() if group[0].clamp]
     if not groups:
         return None
@@ -22,11 +25,12 @@ def find_clamps(constraints: Constraints, cloth: Cloth, start: State) -> Clamps 
     half_edges = np.concatenate([group.half_edges for group in clamped])
     if not any(group.pin.moves for group in clamped):
         return Clamps(half_edges, start.x)
-    ends = np.cumsum([len(group.half_edges) for group in clamped])
+    ends_of_groups = np.cumsum([len(group.half_edges) for group in clamped])
 
     def moved(points: np.ndarray, t: float) -> np.ndarray:
-        parts = zip(clamped, np.split(points, ends[:-1]), strict=True)
-        return np.concatenate([group.move(own_points, t) for group, own_points in parts])
+        points_of_groups = np.split(points, ends_of_groups[:-1])
+        pairs = zip(clamped, points_of_groups, strict=True)
+        return np.concatenate([group.move(own_points, t) for group, own_points in pairs])
 
     return Clamps(half_edges, start.x, moved)
 
@@ -54,11 +58,15 @@ class _ClampedGroup:
 
     @classmethod
     def find(cls, pin: Pin, nodes: np.ndarray, cloth: Cloth, start: float) -> Self:
-        """Find the boundary edges whose nodes a pin holds; raise `InputError` without any."""
+        """Find the boundary edges both of whose ends are among the `nodes` (k,) of a pin.
+
+        `start` is the time of the start [s]. Raises `InputError` if there is no such edge.
+        """
         edges = cloth.edge_slopes.edges
         triangles = edges.triangles
         ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
-        half_edges = np.flatnonzero((edges.hinge < 0) & np.isin(ends, nodes).all(axis=1))
+        is_boundary = edges.hinge < 0  # no hinge: one triangle alone has the edge
+        half_edges = np.flatnonzero(is_boundary & np.isin(ends, nodes).all(axis=1))
         if not len(half_edges):
             what = f"clamp = true on {amount(len(nodes), 'node')}"
             if isinstance(pin.where, str):
@@ -69,12 +77,12 @@ class _ClampedGroup:
                 "triangles hold the normal without it."
             )
             raise InputError(what, allowed, "Pin", remedy)
-        order = np.argsort(nodes)
+        order = np.argsort(nodes)  # the pin's motion has a row for each node, in any order
         rows = order[np.searchsorted(nodes[order], ends[half_edges])]
         return cls(pin, half_edges, rows, start)
 
     def move(self, points: np.ndarray, t: float) -> np.ndarray:
-        """Points (c, 3) of the start, one for each edge, at the time t."""
+        """Return where points (c, 3) of the start, one for each edge, are at the time t [m]."""
         before = self._displacement(self.start)
         after = self._displacement(t)
         if self.pin.rotate is None:

@@ -45,12 +45,17 @@ class _MovedGroup:
         return end
 
     def rows(self, begins: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements over steps [m] and speeds at their ends [m/s], (s, 1 or k, 3)."""
+        """Return the displacements over steps [m] and the speeds at their ends [m/s].
+
+        `begins` and `ends` (s,) are the times of the steps [s]. Both results are (s, k, 3), or
+        (s, 1, 3) if all nodes move alike.
+        """
         values = self.pin.at_once(ends)
         if values is not None:
             assert isinstance(self.pin.motion, Motion)
             after, speeds = values
             return after - self.pin.motion(begins).reshape(after.shape), speeds
+        # a function of Python is called once for each time
         pairs = []
         for t, end in zip(begins.tolist(), ends.tolist(), strict=True):
             before = self.displacement(t)
@@ -60,10 +65,14 @@ class _MovedGroup:
         return both[:, 0], both[:, 1]
 
     def _look_ahead(self, t: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Evaluate the times that are expected from t on; None if t is none of them."""
+        """Evaluate the expected times from t on, for later calls; return the values at t.
+
+        They are the displacement [m] and the speed [m/s]. None if t is no expected time, or if
+        the motion cannot be evaluated at many times at once.
+        """
         first = int(np.searchsorted(self.expected, t))
         times = self.expected[first : first + TIMES_AT_ONCE]
-        if len(times) < 2 or times[0] != t:
+        if len(times) < 2 or times[0] != t:  # one time alone saves no call
             return None
         values = self.pin.at_once(times)
         if values is None:
@@ -93,7 +102,11 @@ class Constraints:
 
     @classmethod
     def bind(cls, pins, cloth: Cloth) -> Self:
-        """Find the nodes of the pins; raise `InputError` for a node that two pins hold."""
+        """Find the nodes of the pins, each a `Pin` or the name of a node set, on a cloth.
+
+        Raises `InputError` for a node that two pins hold, for a pin that names no node, and for
+        a user's motion that fails at t = 0 or has another number of rows than the pin has nodes.
+        """
         groups: dict[str, tuple[Pin, np.ndarray]] = {}
         for number, pin in enumerate(pins):
             if isinstance(pin, str):
@@ -130,13 +143,14 @@ class Constraints:
         return P[:, :, 0] * rows[:, :1] + P[:, :, 1] * rows[:, 1:2] + P[:, :, 2] * rows[:, 2:]
 
     def project_matrix(self, A: sparse.spmatrix) -> sparse.csr_matrix:
-        """P A P of a matrix (3n, 3n)."""
+        """Return P A P of a sparse matrix A (3n, 3n), with P for all nodes."""
         held = np.eye(3) - self.projectors
         dofs = 3 * self.nodes[:, None] + np.arange(3)
         rows = np.repeat(dofs, 3, axis=1).ravel()
         columns = np.tile(dofs, (1, 3)).ravel()
-        fixed = sparse.csr_matrix((held.ravel(), (rows, columns)), shape=A.shape)
-        P = sparse.identity(A.shape[0], format="csr") - fixed
+        # P differs from the unit matrix in the blocks of the constrained nodes alone
+        I_minus_P = sparse.csr_matrix((held.ravel(), (rows, columns)), shape=A.shape)
+        P = sparse.identity(A.shape[0], format="csr") - I_minus_P
         projected: sparse.csr_matrix = P @ A @ P
         return projected
 
@@ -157,10 +171,10 @@ class Constraints:
         return y
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Prescribed position and velocity (n, 3) at t + dt of nodes that are at x at time t.
+        """Return the prescribed positions and velocities (n, 3) at t + dt.
 
-        They are meaningful in the constrained directions only. If no pin moves, the position
-        is x itself, not a copy.
+        x (n, 3) are the positions at the time t. The results are meaningful in the constrained
+        directions only. If no pin moves, the position is x itself, not a copy.
         """
         v = np.zeros_like(x)
         if self._moved:
@@ -190,8 +204,13 @@ class Constraints:
         return [_MovedGroup(pin, nodes) for pin, nodes in self.groups.values() if pin.moves]
 
     def free(self, n: int) -> np.ndarray:
-        """The degrees of freedom 3 i + c of a cloth of n nodes that no pin constrains."""
+        """Return the numbers 3 i + c of the free degrees of freedom of a cloth of n nodes.
+
+        c is the component of node i. Raises `InputError` for a node that slides along no axis:
+        it has free directions, but no free components.
+        """
         diagonal = np.einsum("cii->ci", self.projectors)
+        # along an axis an entry is 1 if the component is free, and 0 if it is held
         oblique = np.flatnonzero(((diagonal > 1e-12) & (diagonal < 1 - 1e-12)).any(axis=1))
         if len(oblique):
             what = f"node {self.nodes[oblique[0]]} slides along no axis"
@@ -205,31 +224,45 @@ class Constraints:
         return 3 * (n - len(self.nodes)) + int(np.rint(np.einsum("cii->", self.projectors)))
 
     def admissible(self, n: int) -> sparse.csc_matrix:
-        """(3n, f) orthonormal basis, in columns, of the f velocities that the pins allow."""
-        others = np.setdiff1d(np.arange(n), self.nodes)
+        """Return an orthonormal basis of the velocities of n nodes that the pins allow.
+
+        It is a matrix (3n, f), with a column for each of the f free directions: first three unit
+        vectors for each node without a pin, then the free directions of those that slide.
+        """
+        unpinned = np.setdiff1d(np.arange(n), self.nodes)
+        # a projector has the eigenvalue 1 in each free direction, and else 0
         values, vectors = np.linalg.eigh(self.projectors)  # columns of vectors
-        at, which = np.nonzero(values > 0.5)
-        nodes = np.concatenate([others, self.nodes[at]])
-        free = 3 * len(others)
+        sliding, number = np.nonzero(values > 0.5)
+        nodes = np.concatenate([unpinned, self.nodes[sliding]])
+        unit_count = 3 * len(unpinned)
+        slide_count = len(sliding)
+        unit_columns = np.arange(unit_count)
+        slide_columns = unit_count + np.arange(slide_count)
         rows = (3 * nodes[:, None] + np.arange(3)).ravel()
-        columns = np.concatenate([np.arange(free), np.repeat(free + np.arange(len(at)), 3)])
-        data = np.concatenate([np.ones(free), vectors[at, :, which].ravel()])
-        return sparse.csc_matrix((data, (rows, columns)), shape=(3 * n, free + len(at)))
+        columns = np.concatenate([unit_columns, np.repeat(slide_columns, 3)])
+        data = np.concatenate([np.ones(unit_count), vectors[sliding, :, number].ravel()])
+        shape = 3 * n, unit_count + slide_count
+        return sparse.csc_matrix((data, (rows, columns)), shape=shape)
 
 
 def _remedy_for_two_pins(node: int, groups: dict, cloth: Cloth) -> str:
-    """What holds a node as two groups do: a slide along the line that both allow, or a pin."""
+    """Return the sentence that says how to hold a node as two groups together do.
+
+    That is by a slide along the line that both allow, or by a pin if they allow none. If one of
+    the groups alone holds it so, it is enough to leave the node out of the other one.
+    """
     names = [name for name, (_, nodes) in groups.items() if node in nodes]
     first, second = (groups[name][0].projector for name in names[:2])
     values, vectors = np.linalg.eigh(first + second)
-    free = vectors[:, values > 2 - 1e-9].T
-    if len(free) == 2 or not (first.any() and second.any()):
+    allowed_by_both = vectors[:, values > 2 - 1e-9].T  # both projectors keep these directions
+    if len(allowed_by_both) == 2 or not (first.any() and second.any()):
         return "Leave it out of one of the groups."
     X, Y = cloth.X[node]
     both = f"Leave it out of both, {names[0]!r} and {names[1]!r}, and"
-    if not len(free):
+    if not len(allowed_by_both):
         return f"{both} hold it, at ({X:.6g}, {Y:.6g}) m, by a Pin of its own."
-    line = free[0] / abs(free[0]).max()
+    # the line with its largest component 1, and without −0
+    line = allowed_by_both[0] / abs(allowed_by_both[0]).max()
     line = [float(c) for c in np.round(line * np.sign(line[abs(line).argmax()]), 9) + 0.0]
     return (
         f"{both} let it, at ({X:.6g}, {Y:.6g}) m, slide by a third Slide with direction = "
@@ -281,12 +314,12 @@ class MatrixProjection:
 
     @classmethod
     def bind(cls, constraints: Constraints, pattern: BlockPattern) -> Self:
-        """Find the blocks of the constrained nodes in a pattern."""
+        """Find the blocks in the rows and the columns of the constrained nodes, in a pattern."""
         c = len(constraints.nodes)
-        which = np.full(len(pattern), c)
-        which[constraints.nodes] = np.arange(c)
-        left = which[pattern.rows]
-        right = which[pattern.indices]
+        row_of_node = np.full(len(pattern), c)  # of `projectors`; the last row is for all others
+        row_of_node[constraints.nodes] = np.arange(c)
+        left = row_of_node[pattern.rows]
+        right = row_of_node[pattern.indices]
         blocks = np.flatnonzero((left < c) | (right < c))
         projectors = np.concatenate([constraints.projectors, np.eye(3)[None]])
         diagonal = pattern.diagonal[constraints.nodes].astype(np.int64)
@@ -334,10 +367,15 @@ class MotionRows:
 
     @classmethod
     def evaluate(cls, constraints: Constraints, times: np.ndarray, sizes: np.ndarray) -> Self:
-        """Evaluate the motion at the `times` (s + 1,) of steps of `sizes` (s,)."""
+        """Evaluate the motion of the pins in s steps.
+
+        `times` (s + 1,) are the begin and the ends of the steps [s], and `sizes` (s,) their
+        sizes [s]. The pins must not rotate, see `can_evaluate`.
+        """
         moved = constraints._moved
         reached = times[:-1] + sizes
-        shape = len(sizes) if moved else 1, len(constraints.nodes), 3
+        rows = len(sizes) if moved else 1
+        shape = rows, len(constraints.nodes), 3
         path = np.zeros(shape)
         speed = np.zeros(shape)
         for group in moved:

@@ -52,7 +52,10 @@ def lay_down(system: System, state: State) -> State:
 
 
 def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
-    """x (n, 3) with one piece laid down."""
+    """Return x (n, 3) with the free piece of the `nodes` laid down, see `lay_down`.
+
+    Raises `InputError` if no load acts on the piece, or if nothing is there to carry it.
+    """
     load = np.zeros_like(x)
     for term in system.bound:
         if term.load:
@@ -62,9 +65,11 @@ def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
         raise InputError("a free piece without a load", "needs one, as Gravity", "lay_down")
     contacts = [term for term in system.bound if term.limits_direction]
     contact = _Contact(contacts, nodes, t)
+    extent = system.cloth.extent
     way = np.zeros_like(x)
-    way[nodes] = 10 * system.cloth.extent * f / np.linalg.norm(f)
-    return _balance(contact, _go_down(contact, x, way), f, system.cloth.extent)
+    way[nodes] = 10 * extent * f / np.linalg.norm(f)
+    in_contact = _go_down(contact, x, way)
+    return _balance(contact, in_contact, f, extent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +94,10 @@ class _Contact:
 
 
 def _go_down(contact: _Contact, x: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """x (n, 3) moved along a way of ten extents, to where contact begins to push."""
+    """Return x (n, 3) moved along a way (n, 3) of ten extents, to where contact begins to push.
+
+    Raises `InputError` if the whole way is free.
+    """
     for _ in range(MOST_PASSES):
         if contact.push(x).any():
             break
@@ -103,7 +111,11 @@ def _go_down(contact: _Contact, x: np.ndarray, way: np.ndarray) -> np.ndarray:
 
 
 def _balance(contact: _Contact, x: np.ndarray, f: np.ndarray, extent: float) -> np.ndarray:
-    """x (n, 3) moved along the direction of the push to where it carries the load f (3,) [N]."""
+    """Return x (n, 3) moved to where the push of the contact carries the load f (3,) [N].
+
+    The piece moves along the direction n of the push. On a curved obstacle n changes with the
+    place, so this is repeated. `extent` is the largest extent of the cloth [m].
+    """
     for _ in range(MOST_TURNS):
         p = contact.push(x)
         n = p / np.linalg.norm(p)
@@ -114,13 +126,15 @@ def _balance(contact: _Contact, x: np.ndarray, f: np.ndarray, extent: float) -> 
             """n · (Σ p + Σ f) [N] after a way [m] along n."""
             return float(n @ (contact.push(x + distance * along) + f))
 
-        low = -extent
-        low *= contact.part(x, low * along)
-        high = 1e-6 * extent
-        while surplus(high) > 0:
-            high *= 2
-        distance = scipy.optimize.brentq(surplus, low, high, xtol=1e-15)
+        # nearer to the contact the push is larger than the load, farther away it is smaller
+        nearest = -extent
+        nearest *= contact.part(x, nearest * along)
+        farthest = 1e-6 * extent
+        while surplus(farthest) > 0:
+            farthest *= 2
+        distance = scipy.optimize.brentq(surplus, nearest, farthest, xtol=1e-15)
         x = x + distance * along
-        if not contact.push(x).any() or abs(distance) < 1e-12 * extent:
+        has_left_contact = not contact.push(x).any()
+        if has_left_contact or abs(distance) < 1e-12 * extent:
             break
     return x

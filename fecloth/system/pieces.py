@@ -25,16 +25,16 @@ class Piece:
         (k,) its nodes, ascending; a slice if they are all of the cloth.
     held
         (h,) those that pins or slides hold.
-    outside
+    held_projectors
         (h, 3, 3) the projector I − P onto the held directions of each of these.
     """
 
     nodes: np.ndarray | slice
     held: np.ndarray
-    outside: np.ndarray
+    held_projectors: np.ndarray
 
     def rigid_velocity(self, x, p, mass, mass_x, held_v) -> np.ndarray:
-        """(k, 3) velocity of the piece as a rigid body, at its nodes [m/s].
+        """Return the velocity of the piece as a rigid body, at its nodes (k, 3) [m/s].
 
         A free piece has the linear and angular momentum of its nodes. A held one follows its
         pins: Σ |(I − P)(v − u − ω × r)|² over the held nodes is least, and along the directions
@@ -46,27 +46,29 @@ class Piece:
         r = x[self.nodes]
         if len(self.held):
             centre = x[self.held].mean(axis=0)
-            basis = turns(x[self.held] - centre)
+            rotations = turns(x[self.held] - centre)
             v = held_v[self.held]
-            u, omega = fit_motion(self.outside, basis, v, ZERO_SINGULAR_VALUE)
+            u, omega = fit_motion(self.held_projectors, rotations, v, ZERO_SINGULAR_VALUE)
             velocity = _turn(u, omega, r - centre)
             if not self.free_directions.any():
                 return velocity
+            # the momentum that is missing along the free directions
             momentum = p[self.nodes].sum(axis=0) - np.einsum("a,ai->i", m, velocity)
             return velocity + self.free_directions @ momentum / m.sum()
         centre = mass_x[self.nodes].sum(axis=0) / m.sum()
-        r = r - centre
+        r = r - centre  # from here on, from the centre of mass
         G = np.einsum("ai,aj->ij", r, p[self.nodes])
         moment = np.array([G[1, 2] - G[2, 1], G[2, 0] - G[0, 2], G[0, 1] - G[1, 0]])  # Σ r × p
         spread = np.einsum("ai,aj->ij", r, mass_x[self.nodes] - np.outer(m, centre))
         inertia = np.trace(spread) * np.eye(3) - 0.5 * (spread + spread.T)
+        # the pseudo-inverse: nodes on a line have no inertia about it
         omega = np.linalg.pinv(inertia, rcond=ZERO_SINGULAR_VALUE, hermitian=True) @ moment
         return _turn(p[self.nodes].sum(axis=0) / m.sum(), omega, r)
 
     @cached_property
     def free_directions(self) -> np.ndarray:
         """(3, 3) projector onto the directions in which no pin holds the piece."""
-        values, vectors = np.linalg.eigh(self.outside.sum(axis=0))
+        values, vectors = np.linalg.eigh(self.held_projectors.sum(axis=0))
         zero = ZERO_SINGULAR_VALUE * max(values[-1], ZERO_SINGULAR_VALUE)
         free: np.ndarray = vectors[:, values < zero]
         return free @ free.T
@@ -81,41 +83,49 @@ class Piece:
 def movable_pieces(
     cloth: Cloth, stencils: Sequence[np.ndarray], constraints: Constraints
 ) -> tuple[Piece, ...]:
-    """The pieces that are free, held by pins that move, or free to slide as a whole.
+    """Return the connected pieces that can move as a rigid body, or that moving pins hold.
 
-    Triangles connect their nodes, and so do the stencils (m, k) of terms, such as springs
-    between two triangles.
+    A piece can move as a rigid body if it is free, or free to slide as a whole. Pieces that pins
+    hold still are left out. Triangles connect their nodes, and so do the stencils (m, k) of
+    terms, such as springs between two triangles.
     """
-    count, label = _connect(len(cloth.X), [cloth.stencil, *stencils])
-    moved = np.zeros(len(label), bool)
-    for pin, nodes in constraints.groups.values():
-        moved[nodes] = pin.moves
-    held_label = label[constraints.nodes]
+    count, piece_of_node = _connect(len(cloth.X), [cloth.stencil, *stencils])
+    has_moving_pin = np.zeros(len(piece_of_node), bool)
+    for pin, pinned in constraints.groups.values():
+        has_moving_pin[pinned] = pin.moves
+    piece_of_held = piece_of_node[constraints.nodes]
     movable = []
     for number in range(count):
-        is_ours = held_label == number
+        is_ours = piece_of_held == number
         held = constraints.nodes[is_ours]
-        outside = np.eye(3) - constraints.projectors[is_ours]
-        own = slice(None) if count == 1 else np.flatnonzero(label == number)
-        piece = Piece(own, held, outside)
-        if moved[held].any() or piece.free_directions.any():
+        # projectors onto the directions in which the pins hold the nodes
+        held_projectors = np.eye(3) - constraints.projectors[is_ours]
+        # a slice of the whole cloth copies nothing
+        nodes = slice(None) if count == 1 else np.flatnonzero(piece_of_node == number)
+        piece = Piece(nodes, held, held_projectors)
+        if has_moving_pin[held].any() or piece.free_directions.any():
             movable.append(piece)
     return tuple(movable)
 
 
 def _connect(n: int, stencils: Iterable[np.ndarray]) -> tuple[int, np.ndarray]:
-    """Number of the pieces of n nodes, and the piece of each node, by their lowest nodes."""
+    """Return the number of connected pieces of n nodes, and the piece of each node (n,).
+
+    Each row of a stencil (m, k) connects its k nodes. The pieces are numbered in the order of
+    their lowest nodes.
+    """
     count = n
-    label = np.arange(n)
+    piece_of_node = np.arange(n)  # at first each node is a piece
     for stencil in stencils:
         if count == 1:
             break
-        pieces = label[stencil]
+        pieces = piece_of_node[stencil]
+        # a stencil connects the piece of its first node with the pieces of the others
         ends = np.repeat(pieces[:, 0], stencil.shape[1] - 1), pieces[:, 1:].ravel()
         graph = sparse.coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(count, count))
         count, merged = connected_components(graph, directed=False)
-        label = merged[label]
-    return count, label
+        piece_of_node = merged[piece_of_node]
+    return count, piece_of_node
 
 
 def turns(y: np.ndarray) -> np.ndarray:
@@ -124,16 +134,17 @@ def turns(y: np.ndarray) -> np.ndarray:
 
 
 def fit_motion(
-    outside: np.ndarray, basis: np.ndarray, way: np.ndarray, rank: float
+    held_projectors: np.ndarray, basis: np.ndarray, way: np.ndarray, rank: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """u (3,) and a (k,) with the least Σ |(I − P)(u + basis a − way)|², the shortest of all.
+    """Return u (3,) and a (k,) with the least Σ |(I − P)(u + basis a − way)|².
 
-    `outside` (h, 3, 3) are I − P, `basis` (h, 3, k); a singular value that is less than `rank`
-    times the largest counts as zero.
+    The sum is over h points, with the displacements `way` (h, 3). `held_projectors` (h, 3, 3)
+    are I − P, `basis` is (h, 3, k). If several u and a fit alike, the result is the shortest. A
+    singular value below `rank` times the largest counts as zero.
     """
     size = np.abs(basis).max() or 1.0
-    A = np.concatenate([outside, outside @ basis / size], axis=2)
-    b = np.einsum("hij,hj->hi", outside, way)
+    A = np.concatenate([held_projectors, held_projectors @ basis / size], axis=2)
+    b = np.einsum("hij,hj->hi", held_projectors, way)
     q = np.linalg.lstsq(A.reshape(-1, A.shape[2]), b.ravel(), rcond=rank)[0]
     return q[:3], q[3:] / size
 

@@ -36,7 +36,11 @@ class Motion:
 
     @classmethod
     def read(cls, parts: Sequence[str | float], name: str = "motion") -> Self:
-        """The motion of three formulas or numbers; `name` is what errors call it."""
+        """Return the motion of three formulas or numbers; `name` is what errors call it.
+
+        The formulas are of t, or of t, X and Y if one of them has X or Y in it. Raises
+        `InputError` for anything else than three formulas or numbers.
+        """
         if isinstance(parts, str) or not isinstance(parts, Sequence) or len(parts) != 3:
             raise _refused(parts, name)
         if not all(is_number(part) or isinstance(part, str) for part in parts):
@@ -60,8 +64,12 @@ class Motion:
         return self._stack(self._derivatives, t)
 
     def check(self, times: np.ndarray) -> None:
-        """Refuse a motion that is not finite, or its velocity, at times (m,) of a run [s]."""
-        self(times)
+        """Raise `InputError` if the motion or its velocity is not finite at times of a run.
+
+        `times` (m,) [s] ascend. The derivative of the formulas may have no value after the
+        start; then the places are checked at which a difference quotient needs the motion.
+        """
+        self(times)  # raises where it is not finite
         start = times[0]
         later = times[1:]
         try:
@@ -75,6 +83,11 @@ class Motion:
         return tuple(formula.derivative("t") for formula in self.formulas)
 
     def _stack(self, parts: Sequence[Formula], t) -> np.ndarray:
+        """Return the values of three formulas at t: (3,) or, for X and Y of k nodes, (k, 3).
+
+        At times (m,) they are (m, 3) or (m, k, 3). Raises `InputError` for formulas of X and Y
+        without the material points of nodes.
+        """
         if self.by_place and self.X is None:
             raise InputError("a motion of X and Y", "has values at the nodes of a System only")
         # a single time stands there twice: NumPy may round arrays of one number differently
@@ -88,6 +101,7 @@ class Motion:
 
 
 def _refused(parts: object, name: str) -> InputError:
+    """Return the error for a motion or a velocity that is not three formulas or numbers."""
     kinds = ["three formulas of t", "a function of t"]
     first, second = kinds if name == "motion" else reversed(kinds)
     allowed = f"must be {first}, or {second}, as in lambda t: [0, 0, 0.1 * t]"
@@ -147,6 +161,7 @@ class Pin:
     rotate: Rotation | None = None
 
     def __post_init__(self):
+        """Make a `Motion` of formulas; raise `InputError` for wrong values."""
         flag("clamp", self.clamp, self._label)
         if self.rotate is not None and not isinstance(self.rotate, Rotation):
             allowed = "must be a Rotation(point, axis, angle)"
@@ -202,7 +217,11 @@ class Pin:
         return self._checked(self.motion, t, "motion")
 
     def speed(self, t: float, since: float = -math.inf) -> np.ndarray:
-        """(3,) or (k, 3) velocity [m/s]; a difference takes no displacement before `since`."""
+        """Return the velocity at a time t, (3,) or (k, 3) [m/s].
+
+        It is 0 without a motion, else the given velocity, else the derivative of the formulas,
+        else a difference quotient of the motion. That takes no displacement before `since` [s].
+        """
         if self.motion is None:
             return np.zeros(3)
         if callable(self.velocity):  # None otherwise: `__post_init__` makes formulas a `Motion`
@@ -213,9 +232,11 @@ class Pin:
         return difference_quotient(self.displacement, t, since)
 
     def at_once(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Displacements and speeds (m, 1 or k, 3) at times (m,).
+        """Return the displacements [m] and the speeds [m/s] at times (m,) [s].
 
-        None if each time needs a call of its own.
+        Both are (m, k, 3), or (m, 1, 3) if all nodes move alike. None if each time needs a call
+        of its own: where a function of Python gives the motion or the velocity, or where the
+        formulas have a value that is not finite.
         """
         motion = self.motion
         velocity = self.velocity
@@ -234,6 +255,11 @@ class Pin:
             raise InputError(f"a motion of shape {value.shape}", allowed, self._label)
 
     def _checked(self, function: Callable, t: float, name: str) -> np.ndarray:
+        """Return the value of a user's function at t, (3,) or (k, 3).
+
+        Raises `InputError`, which calls the function `name`, if the function raises an error or
+        its value is of another shape or not finite.
+        """
         allowed = "must be three finite numbers for a time t [s]"
         try:
             value = np.asarray(function(t), dtype=float)
@@ -285,6 +311,7 @@ class Slide(Pin):
     normal: tuple[float, float, float] | None = None
 
     def __post_init__(self):
+        """Raise `InputError` for a clamp or a rotation, and unless one of the axes is given."""
         super().__post_init__()
         if self.clamp or self.rotate is not None:
             name = "clamp" if self.clamp else "rotate"
@@ -296,7 +323,7 @@ class Slide(Pin):
             given = "neither" if self.normal is None else "both"
             what = f"{given} of direction and normal"
             raise InputError(what, "needs one of them", self._label)
-        _ = self._axis
+        _ = self._axis  # raises an error for a direction or a normal without a length
 
     @cached_property
     def _axis(self) -> np.ndarray:

@@ -24,20 +24,21 @@ class ReactionLimits:
     ----------
     nodes
         (k,) nodes of triangles that are held whole; none in most systems.
-    most
+    largest
         (k,) the largest force on each of them [N].
     """
 
     nodes: np.ndarray
-    most: np.ndarray
+    largest: np.ndarray
 
     @classmethod
     def find(
         cls, cloth: Cloth, constraints: Constraints, stiffness: Callable[[], BlockMatrix]
     ) -> Self:
-        """Find the triangles that are held whole, and how stiff the cloth beside them is.
+        """Find the nodes of triangles that are held whole, and the largest force on each.
 
-        `stiffness` makes K of the flat cloth at rest. It is called only if there are any.
+        `stiffness` makes K of the flat cloth at rest. It is called only if there are such
+        triangles.
         """
         is_pinned = np.zeros(len(cloth.X), bool)
         is_pinned[constraints.nodes] = ~constraints.projectors.any(axis=(1, 2))
@@ -48,15 +49,16 @@ class ReactionLimits:
         pattern = K.pattern
         way = np.linalg.norm(cloth.X[pattern.rows] - cloth.X[pattern.indices], axis=1)
         force = np.linalg.norm(K.values, axis=(1, 2)) * way
-        force[is_pinned[pattern.indices]] = 0.0
-        most = np.bincount(pattern.rows, force, len(cloth.X))[nodes]
-        return cls(nodes, np.where(np.isfinite(most), most, np.inf))
+        force[is_pinned[pattern.indices]] = 0.0  # only nodes that move count
+        largest = np.bincount(pattern.rows, force, len(cloth.X))[nodes]
+        # where K is not finite, as that of a gas at rest, there is no limit
+        return cls(nodes, np.where(np.isfinite(largest), largest, np.inf))
 
     def apply(self, f: np.ndarray) -> np.ndarray:
-        """Forces (n, 3) with none above its limit; f itself if there is none."""
+        """Return the forces (n, 3) with none above its limit; f itself if there are no limits."""
         if not len(self.nodes):
             return f
         f = f.copy()
         sizes = np.linalg.norm(f[self.nodes], axis=1)
-        f[self.nodes] *= np.minimum(1.0, self.most / np.maximum(sizes, 1e-300))[:, None]
+        f[self.nodes] *= np.minimum(1.0, self.largest / np.maximum(sizes, 1e-300))[:, None]
         return f

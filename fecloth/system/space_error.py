@@ -60,7 +60,7 @@ def name_space_error(relative: float, reason: str = "") -> str:
 
 
 def space_error(system: System, state: State) -> SpaceError:
-    """Estimate the error in space of a state: how far stress and moment are from smooth ones.
+    """Return an estimate of the error in space: how far stress and moment are from smooth ones.
 
     The exact strain E and curvature κ are nearly smooth; the mesh's E and κ jump between
     triangles. Smooth ones E*, κ* are recovered from them (`fecloth.mesh.recovery`), apart on
@@ -99,14 +99,15 @@ def space_error(system: System, state: State) -> SpaceError:
     m = len(system.cloth.triangles)
     if reason := _refusal(system):
         return SpaceError(math.nan, np.full(m, math.nan), reason)
-    bound = [term for term in system.bound if term.recovers_strain]
-    error = sum((term.strain_error(state.x, state.t) for term in bound), np.zeros(m))
-    stored = system.sums.total(sum(term.energy(state.x, state.t) for term in bound))
-    density = error / system.cloth.weights.sum(axis=1)
-    if not bound:
+    strained = [term for term in system.bound if term.recovers_strain]
+    error = sum((term.strain_error(state.x, state.t) for term in strained), np.zeros(m))
+    stored = system.sums.total(sum(term.energy(state.x, state.t) for term in strained))
+    density = error / system.cloth.weights.sum(axis=1)  # over the areas of the triangles
+    if not strained:
         return SpaceError(math.nan, density, NO_STRAIN)
     stiffness = max(max(fabric.tensile) for fabric in system.panel.fabrics)
-    if stored <= stiffness * system.sums.total(system.cloth.area) * NO_STRAIN_BELOW**2:
+    energy_of_round_off = stiffness * system.sums.total(system.cloth.area) * NO_STRAIN_BELOW**2
+    if stored <= energy_of_round_off:
         return SpaceError(math.nan, np.zeros(m), AT_REST)
     relative = math.sqrt(system.sums.total(float(error.sum())) / stored)
     if folds_at_mesh_size(system.cloth, state.x):
@@ -149,21 +150,25 @@ def folds_at_mesh_size(cloth: Cloth, x: np.ndarray) -> bool:
 
 
 def roughness(cloth: Cloth, angles: np.ndarray) -> float:
-    """Share of the hinge angles (h,) that no constant curvature around each node explains.
+    """Return the share of the hinge angles (h,) that no constant curvature explains.
 
-    At a node, κ minimises Σ (θ − Λ κ)² over the hinges of its triangles, with the angles Λ κ
-    of a flat sheet that is bent to κ. The share is the root of these sums over the root of Σ
-    θ², both over all nodes: 0 for a constant curvature, of the order of h where it is smooth,
-    near 1 for folds as fine as the triangles.
+    Around each node another curvature may explain them: there κ minimises Σ (θ − Λ κ)² over the
+    hinges of its triangles, with the angles Λ κ of a flat sheet that is bent to κ. The share is
+    the root of these sums over the root of Σ θ², both over all nodes: 0 for a constant
+    curvature, of the order of h where it is smooth, near 1 for folds as fine as the triangles.
+    It is 0 if all angles are 0.
     """
     edges = cloth.edge_slopes.edges
     hinges = edges.hinges
     n = len(edges.X)
     angle = angles_of_curvature(edges.X, hinges)
     h = len(angles)
+    # around[i, e] is 1 if node i is one of the four nodes of hinge e
     place = hinges.nodes.ravel(), np.repeat(np.arange(h), 4)
     around = sparse.csr_matrix((np.ones(4 * h), place), shape=(n, h))
     around = around[np.diff(around.indptr) >= FEWEST_HINGES]
+    # the normal equations (Σ ΛᵀΛ) κ = Σ Λᵀθ of each node, which a small part of the diagonal
+    # keeps solvable
     gram = (around @ (angle[:, :, None] * angle[:, None, :]).reshape(h, 9)).reshape(-1, 3, 3)
     gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     right = around @ (angle * angles[:, None])

@@ -36,7 +36,11 @@ class State:
 
 
 def make_state(nodes: int, x, v=None, t: float = 0.0) -> State:
-    """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero by default."""
+    """Return a state of a cloth of so many nodes at a time t [s].
+
+    x are its positions (n, 3) [m], v its velocities (n, 3) [m/s], zero by default. Raises
+    `InputError` if they are not finite or have another shape.
+    """
     shape = (nodes, 3)
     where = "System.state"
     x = floats("x", x, where)

@@ -110,8 +110,8 @@ class System:
         *,
         threads="auto",
     ):
-        terms = _several(terms, "terms", "StVK()", protocol.is_description)
-        pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
+        terms = _check_list(terms, "terms", "StVK()", protocol.is_description)
+        pins = _check_list(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
         mass = cloth.usual_mass if mass is None else mass
         _check_elements(terms, cloth.element)
         if start is not None and not (isinstance(start, State) and len(start.x) == len(cloth.X)):
@@ -185,7 +185,10 @@ class System:
 
     @cached_property
     def panel(self) -> Panel:
-        """The cloth cut from its fabrics."""
+        """The cloth cut from its fabrics, with all that the terms are bound to.
+
+        Raises `InputError` for a clamped pin without a term that holds normals.
+        """
         panel = Panel.cut(self.cloth, self.fabric, self.grain)
         start = self.rest() if self.start is None else self.start
         clamps = find_clamps(self.constraints, self.cloth, start)
@@ -308,11 +311,12 @@ class System:
     def over_step(
         self, step: StepDifference, history: History | None = None, rates: bool = True
     ) -> Self:
-        """The system over a step, with the terms as their `over_step` gives them.
+        """Return the system over a step, with the terms as their `over_step` gives them.
 
-        It is the system itself if no term depends on the step. Without `rates`, as for a method
-        that has no difference for rates over the step, only terms with a record in the `history`
-        are asked, and over an increment of the loads also contact.
+        `history` are the records of the terms at the begin of the step. Without `rates`, as for
+        a method that has no difference for rates over the step, all terms stay as they are but
+        terms with a record, and over an increment of the loads also contact. The result is the
+        system itself if no term depends on the step.
         """
         if history is None and not rates and not step.increment:
             return self
@@ -329,11 +333,13 @@ class System:
     # --- the history of terms -----------------------------------------------------------------
 
     def start_history(self, state: State) -> History | None:
-        """The records that terms keep, in their order, before the first step; None without any.
+        """Return the records that terms keep before the first step; None without any.
 
-        A record that the state has is taken where its term has one of this kind.
+        There is one for each term, in their order, or None for a term without a record. A record
+        that the state has is taken if it is of the class of the term's own new record.
         """
         records = tuple(term.start_history(state.x, state.t) for term in self.bound)
+        # a state of another system may have records of other terms
         if state.history and len(state.history) == len(records):
             records = tuple(
                 kept if type(kept) is type(new) else new
@@ -357,10 +363,10 @@ class System:
         return self._with_changed(changed, "with_history(record)")
 
     def commit(self, state: State, history: History | None) -> History | None:
-        """The records at the end of a step, of the system over that step.
+        """Return the records at the end of a step, for its new `state`; None without a history.
 
-        `history` are the records at its begin. Raises `InputError` for a term that had a
-        record and gives none.
+        This is called on the system over that step. `history` are the records at its begin.
+        Raises `InputError` for a term that had a record and gives none.
         """
         if history is None:
             return None
@@ -521,7 +527,7 @@ class System:
 
 
 def _check_elements(terms, element: str) -> None:
-    """Raise `InputError` for a term that does not know the cloth's element."""
+    """Raise `InputError` for a term that does not know the cloth's element, "P1" or "P2"."""
     for term in terms:
         known = traits_of(term).elements
         if element not in known:
@@ -532,15 +538,19 @@ def _check_elements(terms, element: str) -> None:
             raise InputError(what, allowed, "System", remedy)
 
 
-def _several(values, name: str, example: str, is_one: Callable[[object], bool]) -> tuple:
-    """The values of an argument `name` that is a list; raise `InputError` for any other."""
+def _check_list(values, name: str, example: str, is_allowed: Callable[[object], bool]) -> tuple:
+    """Return the values of an argument that is a list, as a tuple.
+
+    Raises `InputError` if it is no list, or if a value is not allowed; a class in place of an
+    object never is. `name` is the argument, in the plural, and `example` an allowed value.
+    """
     where = f"System({name}=...)"
     allowed = f"must be a list, as in [{example}]"
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputError(f"{name} = {values!r}", allowed, where)
     values = tuple(values)
     for value in values:
-        if isinstance(value, type) or not is_one(value):
+        if isinstance(value, type) or not is_allowed(value):
             allowed = f"must be such as {example}"
             if name == "terms":
                 allowed += " with a method `bind`"

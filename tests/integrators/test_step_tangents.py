@@ -11,7 +11,9 @@ from fecloth.nonlinear.context import PRICES
 
 def tangents(count: int, linear: str = "pardiso") -> StepTangents:
     context = SimpleNamespace(matrix_solver=lambda: (SimpleNamespace(name=linear), None))
-    return StepTangents(None, True, context, count, 1e-4, usual={"held": 0.1, "exact": 1e-4})
+    return StepTangents(
+        None, True, context, count, 1e-4, earlier_contractions={"held": 0.1, "exact": 1e-4}
+    )
 
 
 def solvers_of_second_step(made: StepTangents) -> list[str]:
@@ -45,7 +47,7 @@ def test_the_factor_of_the_run_is_tried_again_after_some_steps():
 def test_contractions_of_a_step_are_kept_for_the_next_one():
     made = tangents(1)
     made.solvers(object(), True)
-    made.known["held"] = 0.2
+    made.contractions["held"] = 0.2
     made.solvers(object(), True)
-    assert made.known == {}
-    assert math.isclose(made.usual["held"], 0.2)
+    assert made.contractions == {}
+    assert math.isclose(made.earlier_contractions["held"], 0.2)

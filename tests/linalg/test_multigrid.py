@@ -286,7 +286,7 @@ def test_a_closer_solution_does_not_count_as_age():
     few = [solver.solve(b, rtol=1e-1)[1].iterations for _ in range(20)]
     more = solver.solve(b, rtol=1e-12)[1].iterations
     assert more > few[0] + ITERATIONS_PER_REBUILD
-    assert solver._extra < ITERATIONS_PER_REBUILD
+    assert solver._extra_iterations < ITERATIONS_PER_REBUILD
 
 
 @pytest.mark.parametrize("bending", [None, fc.HingeBending(), fc.PlateBending()])
