@@ -97,17 +97,18 @@ class Follower:
     flows: Any = None
 
     def __post_init__(self) -> None:
-        plus, minus = self._setups_at(LARGEST_CHANGE)
+        """Derive the start, its ledger and its row, by central differences."""
+        larger, smaller = self._setups_at(LARGEST_CHANGE)
         width = 2 * LARGEST_CHANGE
-        no_step = (None, None)
+        no_solved = (None, None)  # nothing was solved before the start
         histories = (
-            plus.system.start_history(plus.start),
-            minus.system.start_history(minus.start),
+            larger.system.start_history(larger.start),
+            smaller.system.start_history(smaller.start),
         )
-        self.start = Along.between(plus.start, minus.start, width, no_step, histories)
+        self.start = Along.between(larger.start, smaller.start, width, no_solved, histories)
         self.along = self.start
-        self.flows = records.slope(plus.ledger, minus.ledger, width)
-        self._add_row(plus.row(), minus.row(), LARGEST_CHANGE)
+        self.flows = records.slope(larger.ledger, smaller.ledger, width)
+        self._add_row(larger.row(), smaller.row(), LARGEST_CHANGE)
 
     @cached_property
     def slopes(self) -> dict[str, np.ndarray]:
@@ -115,9 +116,11 @@ class Follower:
         return columns(self.rows)
 
     def size(self, dt: float) -> float:
-        """Return ε, a power of ten by which nodes move little, but more than by round-off.
+        """Return ε, the change of the parameter for central differences, over its width.
 
-        `dt` is the size of the step [s], over which velocities count, too.
+        It is a power of ten by which nodes move little, but more than by round-off, so that the
+        setups of a few changes serve all steps. `dt` is the size of the step [s], over which
+        velocities count, too.
         """
         wanted = LARGEST_CHANGE
         if moved := self.along.longest(dt):
@@ -127,8 +130,8 @@ class Follower:
 
     def sides(self, size: float = LARGEST_CHANGE) -> Sides:
         """Return the systems at p + size and p − size."""
-        plus, minus = self._setups_at(size)
-        return Sides(plus.system, minus.system, size)
+        larger, smaller = self._setups_at(size)
+        return Sides(larger.system, smaller.system, size)
 
     def _setups_at(self, size: float) -> list[Setup]:
         """Return the setups at p + size and p − size, which are made once."""
@@ -168,16 +171,21 @@ class Follower:
         self.along = derived.end
 
     def _record(self, info, derived: DerivedStep, sides: Sides, ledger: Ledger, method) -> None:
-        """Add the derivatives of the row at the end of a step."""
+        """Add the derivatives of the row at the end of a step, and derive the ledger there.
+
+        Both are central differences between the steps at p + ε and p − ε, which `derived` has.
+        The arguments `info`, `ledger` and `method` are those of `follow`; `sides` are the
+        systems at p ± ε.
+        """
         rows = []
         ledgers = []
-        both = zip(self._setups_at(sides.size), sides.signed, derived.steps, strict=True)
-        for setup, (system, size), step in both:
-            old = self.along.shift(info.old, size)
+        both_sides = zip(self._setups_at(sides.size), sides.signed, derived.steps, strict=True)
+        for setup, (system, signed_size), step in both_sides:
+            old = self.along.shift(info.old, signed_size)
             if self.recorded.flows:
-                before = records.shift(ledger, self.flows, size)
-                ledgers.append(before.after(system, method, old, step))
-            else:
+                ledger_before = records.shift(ledger, self.flows, signed_size)
+                ledgers.append(ledger_before.after(system, method, old, step))
+            else:  # without flows a ledger that is opened here has the same energies
                 at_end = system.with_history(step.history)
                 ledgers.append(Ledger.open(at_end, step.state))
             rows.append(ledgers[-1].row() | setup.observer.row(old, step))
@@ -186,12 +194,14 @@ class Follower:
 
     def record_rest(self, states: Sequence[State], sides: Sides) -> None:
         """Add the derivatives of the row of an equilibrium."""
-        plus, minus = self._setups_at(sides.size)
-        self._add_row(plus.row(states[0]), minus.row(states[1]), sides.size)
+        larger, smaller = self._setups_at(sides.size)
+        self._add_row(larger.row(states[0]), smaller.row(states[1]), sides.size)
 
-    def _add_row(self, plus: Row, minus: Row, size: float) -> None:
+    def _add_row(self, larger_row: Row, smaller_row: Row, size: float) -> None:
         """Add the derivatives from the rows at p + size and p − size."""
-        self.rows.append({name: (plus[name] - minus[name]) / (2 * size) for name in plus})
+        self.rows.append(
+            {name: (larger_row[name] - smaller_row[name]) / (2 * size) for name in larger_row}
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,41 +282,55 @@ def _derive_motion(
     tolerance: float,
     report: Callable[..., None],
 ) -> Derivation:
-    """Run a setup over time or load steps, and derive each step when it is done."""
+    """Run a setup over time or load steps, and derive each step when it is done.
+
+    Parameters
+    ----------
+    followers
+        The derivatives by each parameter, at the start; they follow the run.
+    recorded
+        Which rows are derived; without `whole` only the first and the last one.
+    tolerance
+        Relative error of a derivative over a step.
+    report
+        Is called after each step.
+    """
     t_end = setup.t_end
     assert t_end is not None
     system = setup.system
-    chosen, solver = setup.choose()
-    steps = chosen.steps
+    simulation, solver = setup.choose()  # `Auto` has chosen its method here
+    steps = simulation.steps
     method = method_of(steps)
-    tangents = None
+    tangents = None  # explicit steps solve no equation, load steps have their own tangent
     if not (steps.traits.explicit or isinstance(steps, LoadSteps)):
         symmetric = has_symmetric_matrix(system, method)
         tangents = StepTangents(system, symmetric, solver[0], len(followers), tolerance)
     sizes = list[float]()
 
     def watch(states) -> Iterator:
-        before = setup.ledger
+        """Pass on each state of the run when its step has been derived."""
+        ledger = setup.ledger  # at the begin of the step
         for state, info in states:
             sizes.append(info.size)
             loads = None
             if isinstance(steps, LoadSteps):
                 loads = DerivedLoads.of(system, info.old, info.result)
 
+            # info and loads are defaults, so that the function keeps those of its own step
             def derive(along: Along, sides: Sides, info=info, loads=loads) -> DerivedStep:
                 if loads:
                     return loads.derive(along, sides)
                 return derive_step(info.result, along, sides, tangents)
 
-            is_last = state.t >= t_end - 1e-12 * abs(t_end)
+            is_last = state.t >= t_end - 1e-12 * abs(t_end)  # times have round-off
             for follower in followers:
-                follower.follow(info, derive, before, method, is_last)
+                follower.follow(info, derive, ledger, method, is_last)
             if recorded.flows:
-                before = before.after(system, method, info.old, info.result)
+                ledger = ledger.after(system, method, info.old, info.result)
             report(info)
             yield state, info
 
-    result = chosen.run(solver, watch=watch)
+    result = simulation.run(solver, watch=watch)
     all_columns = {**result.energies, **result.observed}
     times = result.times
     if not recorded.whole:
@@ -349,7 +373,11 @@ def _polish(state: Equilibrium, whole: LoadIncrement) -> tuple[Equilibrium, Stat
 def _derive_rest(
     setup: Setup, followers: Sequence[Follower], tolerance: float, report: Callable[..., None]
 ) -> Derivation:
-    """Find the equilibrium of a setup, and derive it as a single load step."""
+    """Find the equilibrium of a setup, and derive it as a single load step.
+
+    Return the state with the rows at start and end; `followers` get the derivatives of both.
+    `tolerance` is the relative error of a derivative, `report` is called after each iteration.
+    """
     system = setup.system
     start = setup.start
     whole = _make_increment(system, start)
@@ -359,7 +387,8 @@ def _derive_rest(
         sides = follower.sides()
         derived = derive_increment(solved, follower.start, sides, tangent, tolerance)
         follower.along = derived.end
-        # The error of a central difference goes with the square of how far nodes move.
+        # The relative error of a central difference goes with the square of how far nodes move.
+        # If they moved too far, derive again with a smaller change.
         moved = LARGEST_CHANGE * follower.along.longest() / shortest_length(setup)
         if moved**2 > tolerance:
             sides = follower.sides(follower.size(0.0))
