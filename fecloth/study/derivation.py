@@ -100,12 +100,12 @@ class Follower:
         """Derive the start, its ledger and its row, by central differences."""
         larger, smaller = self._setups_at(LARGEST_CHANGE)
         width = 2 * LARGEST_CHANGE
-        no_solved = (None, None)  # nothing was solved before the start
+        no_memories = (None, None)  # a method remembers nothing before its first step
         histories = (
             larger.system.start_history(larger.start),
             smaller.system.start_history(smaller.start),
         )
-        self.start = Along.between(larger.start, smaller.start, width, no_solved, histories)
+        self.start = Along.between(larger.start, smaller.start, width, no_memories, histories)
         self.along = self.start
         self.flows = records.slope(larger.ledger, smaller.ledger, width)
         self._add_row(larger.row(), smaller.row(), LARGEST_CHANGE)
@@ -185,7 +185,7 @@ class Follower:
             if self.recorded.flows:
                 ledger_before = records.shift(ledger, self.flows, signed_size)
                 ledgers.append(ledger_before.after(system, method, old, step))
-            else:  # without flows a ledger that is opened here has the same energies
+            else:  # only energies are among the columns: a ledger that begins here has them
                 at_end = system.with_history(step.history)
                 ledgers.append(Ledger.open(at_end, step.state))
             rows.append(ledgers[-1].row() | setup.observer.row(old, step))
@@ -298,7 +298,9 @@ def _derive_motion(
     t_end = setup.t_end
     assert t_end is not None
     system = setup.system
-    simulation, solver = setup.choose()  # `Auto` has chosen its method here
+    # the setup with the steps that are taken, also of `Auto`; `solver` is the pair of the solver
+    # of the steps and the reason for it
+    simulation, solver = setup.choose()
     steps = simulation.steps
     method = method_of(steps)
     tangents = None  # explicit steps solve no equation, load steps have their own tangent

@@ -69,17 +69,21 @@ class Sought:
     whole: bool = False
 
     def settings(self) -> list[object]:
-        """Return what `of_settings` takes, in JSON's types but for functions as quantities."""
+        """Return the fields as a list, from which `of_settings` makes this object again.
+
+        They are JSON values, so that the case can be stored and run in another process; only a
+        quantity that is a user's function stays a function.
+        """
         parameters = [[p.name, p.value, p.width] for p in self.parameters]
         quantities = [quantity.function or quantity.text for quantity in self.quantities]
         return [parameters, quantities, self.tolerance, self.whole]
 
     @classmethod
     def of_settings(cls, settings: Sequence[Any]) -> Self:
-        """Return what `settings` has returned there."""
-        listed, quantities, tolerance, whole = settings
+        """Return the object whose `settings` are these."""
+        parameters, quantities, tolerance, whole = settings
         return cls(
-            parameters=tuple(Parameter(name, value, width) for name, value, width in listed),
+            parameters=tuple(Parameter(name, value, width) for name, value, width in parameters),
             quantities=tuple(map(parse_quantity, quantities)),
             tolerance=tolerance,
             whole=whole,

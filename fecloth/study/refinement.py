@@ -56,11 +56,12 @@ def levels_to_run(
 
 
 def _levels_for_other_errors(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
-    """Return levels that change the first one where the refined levels do not.
+    """Return up to three levels, each of which is the first level with one other refinement.
 
-    One is finer in dt, where h is refined, or in h, where dt is. If the error chooses the steps,
-    rtol is divided in place of dt. One halves the gaps of contact, if there is contact. One
-    divides the tolerance of the solver.
+    They show the errors that the refined levels do not show. One level is finer in dt, if h is
+    refined, or in h, if dt is refined. If the error chooses the steps, rtol is divided in place
+    of dt. One level halves the gaps of contact, if there is contact. One divides the tolerance
+    of the solver, if steps in time solve equations.
     """
     levels = []
     in_time = not (opened.is_static or quantity.how == "mode")
@@ -86,16 +87,20 @@ def summarise(
 ) -> Convergence:
     """Return the result from the rows of all levels.
 
+    If a refined level failed or has no value, the result has a table, but no value. Else the
+    uncertainty is the uncertainty of the refined levels, plus three times each error that they
+    do not show.
+
     Parameters
     ----------
     rows
         Rows of the refined levels, coarse to fine.
     more
-        Rows of the levels that show other errors.
+        Rows of the levels that show other errors. A failed one is left out.
     """
     space_order, time_order = opened.orders(quantity)
     theory = time_order if refine == "dt" else space_order
-    described: dict[str, Any] = {
+    described: dict[str, Any] = {  # the fields of the result that say what was studied
         "levels": rows,
         "others": more,
         "title": opened.name,
@@ -114,7 +119,8 @@ def summarise(
     estimate = estimate_uncertainty(sizes, judged_numbers, theory)
     least_error = 0.0
     if estimate.behaviour not in ("monotone", "constant"):
-        least_error = estimate.uncertainty / UNSAFE  # the finest level is not exact
+        # Such values have no limit but the finest one, whose error would then be 0.
+        least_error = estimate.uncertainty / UNSAFE
     name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")
     own_share = {name: max(abs(estimate.value - estimate.limit), least_error)}
     finished = [row for row in more if row["status"] == OK]
@@ -123,12 +129,13 @@ def summarise(
     others = other_shares(refine, (space_order, time_order), rows[0], finished, changes)
     uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in others.values())
     obstacles = []
-    if refine != "dt":
+    if refine != "dt":  # they are obstacles to convergence in h
         obstacles = list(rows[-1]["obstacles"])
     wrinkles = (doubt for doubt in doubts_of(rows[-1]) if doubt.kind is DoubtKind.WRINKLES)
     doubt = next(wrinkles, None)
     converges, verdict = judge(estimate, sizes, judged_numbers, obstacles, abs(values[-1]), doubt)
-    answer = f"{quantity.text} = {with_uncertainty(values[-1], uncertainty, described['unit'])}"
+    value_words = with_uncertainty(values[-1], uncertainty, described["unit"])
+    answer = f"{quantity.text} = {value_words}"
     errors = [max(abs(number - estimate.limit), least_error) for number in judged_numbers]
     shares = own_share | others
     return Convergence(
@@ -136,6 +143,7 @@ def summarise(
         table=_make_table(rows, values, errors),
         value=values[-1],
         uncertainty=uncertainty,
+        # the limit of differences between levels is no limit of the quantity
         limit=estimate.limit if judged_numbers is values else math.nan,
         order=estimate.order,
         converges=converges,
@@ -172,10 +180,11 @@ def _find_failure(rows: Sequence[Mapping]) -> str:
 
 
 def _values_of_levels(quantity: Quantity, rows: Sequence[Mapping]) -> tuple[list, list]:
-    """Return the values, and the numbers that are judged.
+    """Return two lists with an item for each level: the values, and the numbers that are judged.
 
-    These are the values or, of fields, paths and vectors, the sum of the differences between
-    levels up to the finest one: it falls with the same order, to the error of the finest level.
+    The judged numbers are the values themselves. But of a field, path or vector the number of a
+    level is the sum of the differences between successive levels, from this level to the finest
+    one: it falls with the same order as the error.
     """
     records = [record_at(row, quantity) for row in rows]
     values = [value_of(quantity, record) for record in records]
@@ -211,11 +220,13 @@ def other_shares(
 ) -> dict[str, float]:
     """Return the estimated errors that the refined levels do not show, by their names.
 
-    A part of the first level's error ∝ s^p changes by the share 1 − r^−p of itself if s is
-    divided by r.
+    An error ∝ s^p of the first level changes by the share 1 − r^−p of itself if the size s is
+    divided by r. So the error is the change of the quantity divided by this share.
 
     Parameters
     ----------
+    refine
+        "h", "dt" or "both": what the refined levels divide.
     orders
         Theoretical orders in h and in dt.
     first
@@ -228,21 +239,24 @@ def other_shares(
     for row, change in zip(more, changes, strict=True):
         level = row["point"].level
         if (level.sharper or 1.0) > 1:
-            errors["solver"] = change
+            errors["solver"] = change  # a hundredth of the tolerance leaves nearly no error
         elif level.gap > 1:
             errors["gap"] = change / (1 - 1 / level.gap)  # of first order
         elif level.rtol > 1:
             errors["time step"] = change / (1 - RTOL_RATIO**-RTOL_ORDER)
-        elif refine == "h":
+        elif refine == "h":  # then the other level halves dt
             errors["time step"] = change / (1 - 2.0**-time_order)
-        else:
+        else:  # the ratio of edge lengths as meshed
             ratio = first["edge"] / row["edge"]
             errors["mesh"] = change / (1 - ratio**-space_order)
     return errors
 
 
 def _table_row(row: Mapping) -> dict:
-    """Return the columns of a level that a reader wants."""
+    """Return the cells of a level that the table shows, without its value and error.
+
+    A failed level has its nominal step, and its status.
+    """
     cells = {"h": row["h"]}
     dt = row["step"] if "step" in row else _nominal_step(row)
     if dt is None or math.isfinite(dt):
@@ -263,7 +277,18 @@ def _nominal_step(row: Mapping) -> float | None:
 
 
 def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
-    """Return sentences on large other parts of the error, and on what the runs warned of."""
+    """Return sentences on what a reader should know of the errors and of the runs.
+
+    They say which error is larger than the error of what was refined, that an error in time is
+    not in the uncertainty, and how many warnings there were.
+
+    Parameters
+    ----------
+    rows
+        Rows of the refined levels, coarse to fine.
+    shares
+        The parts of the error by their names; the first one is of what was refined.
+    """
     lines = []
     refined, *others = shares
     for other in others:
@@ -274,6 +299,7 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
             lines.append(
                 f"The {other} contributes more than the {refined} that was refined: {remedy}."
             )
+    # the name of the share may also be "mesh and time step"
     if "time step" not in " ".join(shares) and rows[-1]["time_order"]:
         estimated = rows[-1]["time_error"]
         size = "not at all"
