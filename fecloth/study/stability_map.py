@@ -63,9 +63,7 @@ class StabilityMap(StudyResult):
         return draw_map(self)
 
     def notes(self) -> list[str]:
-        """Sentences on what the columns of the table mean, on runs that were stopped, and on
-        methods that the figure leaves out.
-        """
+        """Sentences on the columns, on runs that were stopped, and on what the figure leaves out."""
         lines = [
             "Longest step: up to it the runs reach the end, make at most 5 % of the energy that "
             "moves, and do not warn. Longer steps may be wrong and yet not fail.",
@@ -197,7 +195,7 @@ def _table_row(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
         if cell["dt"] == longest[1] and cell["status"] in (WRONG, FAILED):
             next_step = f"{cell['status']}: {stability_words.shorten(cell['cause'])}"
             break
-    if own_cells[0]["status"] == REFUSED:  # nothing ran, and this is the only cell
+    if own_cells[0]["status"] == REFUSED:  # as of a combination that the problem refuses
         next_step = f"{REFUSED}: {own_cells[0]['cause']}"
     return {
         "method": method,
