@@ -333,7 +333,8 @@ def _describe_behaviour(values: np.ndarray) -> str:
 def _fixed_powers(order: float, theory: float) -> list[tuple[float, ...]]:
     """Return the powers of h of each fit that is tried in place of the observed order.
 
-    A fit has one power, or two. `theory` is P: the powers are P − 1 and P, but from 1 on.
+    A fit has one power, or two. If `order` is above P = `theory`, the powers are P − 1, but at
+    least 1, and P. Else they are 1, and P, but at least 2.
     """
     if order > theory:
         return [(max(theory - 1, 1.0),), (theory,)]
@@ -347,8 +348,8 @@ def _fixed_powers(order: float, theory: float) -> list[tuple[float, ...]]:
 def _fit_order(h: np.ndarray, values: np.ndarray, weights: np.ndarray) -> _Fit:
     """Return the best fit with a free order p, which has the least standard deviation.
 
-    The search first tries a grid of orders, because the deviation may have several minima; then
-    it refines the best of them between its neighbours.
+    The search first tries a grid of orders; then it goes on between the neighbours of the best
+    of them.
     """
 
     def deviation(p: float) -> float:

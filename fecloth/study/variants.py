@@ -41,7 +41,7 @@ def parse_range(text: str) -> tuple[str, list]:
         raise InputError(f"values {text!r}", FORM) from error
     if not (1 <= len(numbers) <= MOST_VALUES and np.isfinite(numbers).all()):
         raise InputError(f"values {text!r}", f"must have 1 to {MOST_VALUES} finite values")
-    # 12 digits, so that 0.3 is not 0.30000000000000004
+    # without the round-off in the last digits
     return key, [float(f"{number:.12g}") for number in numbers]
 
 
