@@ -114,7 +114,7 @@ class Level:
         return tables
 
 
-FIRST = Level()
+FIRST_LEVEL = Level()
 AS_IS = Level(sharper=None)  # with the solver of the problem
 
 

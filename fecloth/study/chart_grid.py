@@ -9,7 +9,7 @@ from fecloth.errors import InputError, closest, did_you_mean
 from fecloth.integrators import EXPLICIT, METHODS, studied_by
 from fecloth.integrators.protocol import method_of
 from fecloth.scene.scene import Scene
-from fecloth.study.change import FIRST, Change, Level
+from fecloth.study.change import FIRST_LEVEL, Change, Level
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
 from fecloth.study.run_problems import Point
 from fecloth.study.status import REFUSED, failure
@@ -189,7 +189,7 @@ def _make_point(shown: dict, variant: Problem, level: Level) -> Point:
     `shown` are the cells that name the setting, to which h and dt of the level are added.
     """
     words = [str(value) for value in shown.values() if value]
-    if str(level) != str(FIRST):
+    if str(level) != str(FIRST_LEVEL):
         words.append(str(level))
     size = variant.workload(level)
     if shown["element"] == "P2":

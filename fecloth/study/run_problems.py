@@ -18,7 +18,7 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
 from fecloth.study.cases import Progress, run_cases
-from fecloth.study.change import FIRST, Level
+from fecloth.study.change import FIRST_LEVEL, Level
 from fecloth.study.measured_runs import REPEATS, columns_to_record, measure_problem, record_of
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
 from fecloth.study.workload import LONGEST, Workload, check_size
@@ -122,7 +122,7 @@ def run_or_skip(
     return [next(new_rows) if isinstance(item, Point) else item for item in listed]
 
 
-def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
+def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST_LEVEL) -> None:
     """Raise `InputError` for a scene that would take too long, before its mesh is made."""
     if isinstance(opened, SceneProblem) and runs.most_seconds is not None:
         size = opened.workload(level)

@@ -11,7 +11,7 @@ from fecloth.errors import InputError, amount, brief
 from fecloth.scene.scene import Scene
 from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.change import FIRST, Change
+from fecloth.study.change import FIRST_LEVEL, Change
 from fecloth.study.derived_cases import LARGEST_ERROR, Sought, derive_case, run_twin
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.parameters import Asked as AskedParameters
@@ -173,7 +173,7 @@ def _run_and_check(
     doubts
         Doubts about the set-up, for the result.
     """
-    size = opened.workload(FIRST)
+    size = opened.workload(FIRST_LEVEL)
     row = _run_with_derivatives(opened, sought, size, runs)
     unknown = np.full((len(sought.quantities), len(sought.parameters)), np.nan)
     slopes = np.array(row.get("slopes", unknown))

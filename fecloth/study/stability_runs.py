@@ -15,7 +15,7 @@ from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.setup import Setup
 from fecloth.stability.critical_step import critical_dt
-from fecloth.study.change import FIRST, describe_values
+from fecloth.study.change import FIRST_LEVEL, describe_values
 from fecloth.study.measured_runs import measure
 from fecloth.study.problems import Problem
 from fecloth.study.run_problems import Runs, Task, doubts_of, run_tasks
@@ -76,7 +76,7 @@ def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[
     `values` are the values of the varied keys, which the problem has already; they are for the
     rows and the progress lines. Raise `InputError` for an equilibrium.
     """
-    problem = problem.refined(FIRST)
+    problem = problem.refined(FIRST_LEVEL)
     tasks = list[Task]()
     setup = problem.first
     span = span_of(problem.first)

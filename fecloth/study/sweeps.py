@@ -13,7 +13,7 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
 from fecloth.study import run_problems, variants
-from fecloth.study.change import FIRST, describe_values
+from fecloth.study.change import FIRST_LEVEL, describe_values
 from fecloth.study.figures import Figure, line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
@@ -138,7 +138,7 @@ def _make_point(opened: Problem, values: dict) -> run_problems.Point:
     """Return the problem with these values of its keys, to run."""
     variant = variants.vary(opened, values)
     size = variants.size_of(opened, variant)
-    return run_problems.Point(variant, FIRST, describe_values(values), size)
+    return run_problems.Point(variant, FIRST_LEVEL, describe_values(values), size)
 
 
 def _table_row(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.study.change import FIRST, Change, Level, describe_values
+from fecloth.study.change import FIRST_LEVEL, Change, Level, describe_values
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.status import REFUSED, failure
 from fecloth.study.workload import Workload
@@ -138,7 +138,7 @@ def size_of(opened: Problem, variant: Problem) -> Workload:
     For a function it follows from the size of `opened`, which the variant is made of.
     """
     if isinstance(variant, SceneProblem) or isinstance(opened, SceneProblem):
-        return variant.workload(FIRST)
+        return variant.workload(FIRST_LEVEL)
     level = Level(h=_divide(opened.h, variant.h), dt=_divide(opened.dt, variant.dt))
     return opened.workload(level)
 
