@@ -56,9 +56,10 @@ class Progress:
         self.in_seconds = in_seconds
         self.quiet = quiet
         self.done = 0
-        self.spent = 0.0
+        self.spent = 0.0  # predicted cost of the finished cases
         self.elapsed = 0.0
-        self.spent_on_first = 0.0  # first cases of the processes, which import and compile
+        # the same for the first case of each process, which is slow: it imports and compiles
+        self.spent_on_first = 0.0
         self.elapsed_in_first = 0.0
         self.begin = clock()
         if stored and not quiet:
@@ -256,7 +257,7 @@ def run_cases(
         quiet=quiet,
     )
     try:
-        for case, result in finished:
+        for case, result in finished:  # the cases run here, one after the other or side by side
             _write_result(case, result, out, time_limit)
             results[case.key] = result
             progress.print(label(case.settings), result, cost_of[case.key])

@@ -213,6 +213,7 @@ def change_names(opened: Problem, names: dict) -> Change:
     scene = opened.scene
 
     def edit(tables: dict) -> dict:
+        """Return the tables of the scene with these names; what is the same already stays."""
         if names["element"] != scene.cloth.element:
             tables["cloth"]["element"] = names["element"]
             tables.pop("mass", None)  # each element has its usual mass, lumped or consistent

@@ -110,7 +110,8 @@ def chart(
     chosen_quantity = opened.choose_quantity(quantity)
     own_quantities = opened.quantities if quantity is None else ()
     if chosen_quantity.how == "mode":
-        raise InputError(f"{chosen_quantity}", "has no method and no step: take converge", "chart")
+        allowed = "has no method and no step: take converge"
+        raise InputError(f"{chosen_quantity}", allowed, "chart")
     settings = make_settings(opened, methods, elements, models, meshes)
     limit = find_limit(opened, chosen_quantity, levels, runs)
     if limit is None:
@@ -121,15 +122,17 @@ def chart(
     lines = []
     for setting, row in zip(settings, _run(settings, chosen_quantity, timed_runs), strict=True):
         lines.append(_table_row(setting, row, chosen_quantity, limit))
-    on_front = find_front(lines)
-    table = Table(tuple({**line, "on front": i in on_front} for i, line in enumerate(lines)))
+    numbers_on_front = find_front(lines)
+    lines = [{**line, "on front": i in numbers_on_front} for i, line in enumerate(lines)]
+    table = Table(tuple(lines))
+    other_names = [other.text for other in own_quantities if other.text != chosen_quantity.text]
     return Chart(
         title=opened.name,
         doubts=warned,
         verdict=describe_chart(table, limit.study),
         table=table,
         quantity=chosen_quantity.text,
-        others=tuple(other.text for other in own_quantities if other.text != chosen_quantity.text),
+        others=tuple(other_names),
         limit=limit.study,
         size=limit.size,
     )
@@ -182,7 +185,9 @@ def _change_for_limit(opened: Problem) -> Problem:
     return opened.changed(change_names(opened, names))
 
 
-def _run(settings: Sequence[Setting], quantity: Quantity, runs: run_problems.Runs) -> list[Mapping]:
+def _run(
+    settings: Sequence[Setting], quantity: Quantity, runs: run_problems.Runs
+) -> list[Mapping[str, Any]]:
     """Return a row for each setting.
 
     A setting that was refused, or whose predicted time is above the time limit, does not run:

@@ -153,8 +153,8 @@ def _run(
 ) -> dict[str, list[dict]]:
     """Run all levels of all variants; return the rows by the name of the variant.
 
-    `opened` are the variants by name, `levels_of` the levels of each that runs. All runs are in one
-    list, so that they run side by side.
+    `opened` are the variants by name, `levels_of` the levels of each that runs. All runs are in
+    one list, so that they run side by side.
     """
     points = [
         run_problems.Point(
@@ -373,7 +373,11 @@ def _cells(comparison: Comparison, name: str, variant: Convergence | dict) -> di
 def _make_overlay(
     studies: Sequence[Convergence], quantity: Quantity
 ) -> tuple[Overlay | None, tuple]:
-    """Return the ends of two variants as given, or none and a remark that says why."""
+    """Return the ends of two variants as given on one mesh, and remarks.
+
+    Return None in place of them for less than two variants, for natural frequencies, and if a
+    node of the first is not on the cloth of the second; then a remark says so.
+    """
     if len(studies) < 2 or quantity.how == "mode":
         return None, ()
     first, second = (run_problems.end_of(study.levels[0]) for study in studies)

@@ -178,8 +178,8 @@ def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> st
         error_words.append(f"{error_size} ({key})")
     as_given = f"{abs(difference.as_given):.2g} {unit}".strip()
     what_is_refined, _, _, where = REFINED[comparison.refine]
-    sentence = f"{comparison.quantity}: {sentence}, {as_given} {where}; {what_is_refined} off by "
-    sentence += " and ".join(error_words)
+    sentence = f"{comparison.quantity}: {sentence}, {as_given} {where}; "
+    sentence += f"{what_is_refined} off by {' and '.join(error_words)}"
     # the difference is real, but an error of the given mesh or step could hide it
     if difference.uncertainty < abs(difference.limit) < max(errors_as_given.values()):
         sentence += ", which is more than the difference"

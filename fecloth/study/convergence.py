@@ -89,6 +89,7 @@ class Convergence(StudyResult):
     def notes(self) -> list[str]:
         """Sentences on the extrapolated value, the parts of the error and what was noticed."""
         lines = []
+        # values that oscillate or diverge have no limit to extrapolate to
         irregular = self.estimate and self.estimate.behaviour in ("oscillating", "diverging")
         if self.estimate and math.isfinite(self.limit) and not irregular:
             procedure = self.estimate.procedure
@@ -175,10 +176,13 @@ def judge(
 ) -> tuple[bool, str]:
     """Return whether values converge, and the verdict: a sentence that says so, or why not.
 
+    They converge if they are equal, or if the observed order is at least 75 % of the theory and
+    clearer than the scatter.
+
     Parameters
     ----------
     estimate
-        What `estimate_uncertainty` says of the values.
+        The estimate that `estimate_uncertainty` made from the values.
     h, values
         Size and value of each level, coarse to fine.
     obstacles

@@ -143,7 +143,9 @@ def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -
         if shapes and quantity.how == "mode":
             value: Any = shapes.frequencies[quantity.mode - 1]
             derivatives: list[Any] = [
-                slope_of_frequency(shapes, quantity.mode, state, follower.along, follower.sides())
+                slope_of_frequency(
+                    shapes, quantity.mode, state, end=follower.along, sides=follower.sides()
+                )
                 for follower in derivation.followers
             ]
         else:
@@ -236,7 +238,7 @@ def _quietly(setup: Setup) -> Iterator[None]:
         yield
 
 
-# --- slopes of quantities -----------------------------------------------------------------------
+# --- slopes of quantities ---------------------------------------------------------------------
 
 # How far the values of a run are moved for central differences, over the largest value: above
 # the square root of round-off, 1.5e-8, so that the differences keep digits.
@@ -336,9 +338,8 @@ class Slopes:
         """
         slopes = self.derivation.followers[number].slopes
         field_slopes = self._derive_fields(number)
-        columns = {
-            name: values + size * slopes[name] for name, values in self.derivation.columns.items()
-        }
+        recorded = self.derivation.columns
+        columns = {name: values + size * slopes[name] for name, values in recorded.items()}
         state = self.derivation.result.state
         fields = {
             "displacement": state.x - self.setup.start.x + size * field_slopes.x,
@@ -388,13 +389,18 @@ def slope_of_frequency(shapes: Modes, mode: int, state: State, end: Along, sides
         raise InputError(what, "must be > 0 for a derivative", "sensitivity")
     phi = shapes.shapes[mode - 1]
     product_above, product_below = (
-        _modal_product(system, end.shift(state, size), phi, omega2) for system, size in sides.signed
+        _modal_product(system, end.shift(state, change), phi, omega2)
+        for system, change in sides.signed
     )
     return (product_above - product_below) / (2 * sides.size) / (8 * math.pi**2 * f)
 
 
 def _modal_product(system: System, state: State, phi: np.ndarray, omega2: float) -> float:
-    """Return φ · (K − ω² M) φ; the parts of K with low rank are added as c (u · φ)²."""
+    """Return φ · (K − ω² M) φ at a state.
+
+    K has three parts: the sparse matrix, the coupling of nodes that no triangle has in common,
+    if there is any, and products c u uᵀ of full vectors, which add c (u · φ)².
+    """
     K = system.assemble(BlockMatrix.zeros(system.pattern), state, wx=1.0)
     coupling = system.coupling(state, wx=1.0)
     if coupling is not None:

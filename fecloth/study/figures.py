@@ -63,7 +63,10 @@ def line_style(i: int) -> dict[str, object]:
 
 
 def mark_failures(ax, rows: Sequence[Mapping], x: str, colour: str = "black") -> None:
-    """Draw a cross with the status at the upper border for each row that failed."""
+    """Draw a cross with the status at the upper border for each row that failed.
+
+    `x` is the column that has the place of the cross; rows without it are left out.
+    """
     for row in rows:
         if row["status"] == "ok" or x not in row:
             continue

@@ -68,7 +68,8 @@ class _Prediction:
 
         Only ratios of it mean something, see `choose_gradings`.
         """
-        factors = [grading.factors(place.distances, self.h) for place, grading in gradings.items()]
+        pairs = gradings.items()
+        factors = [grading.factors(place.distances, self.h) for place, grading in pairs]
         s = np.min([np.ones(len(self.area)), *factors], axis=0)
         energy = np.sum(self.energy * (self.h * s / self.size) ** (2 * self.order))
         return float(np.sum(self.area / s**2) * energy ** (1 / self.order))

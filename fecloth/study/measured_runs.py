@@ -128,7 +128,11 @@ def measure(
 
 
 def _run_once(solve: Solve, setup: Setup, most: float | None) -> tuple[dict, float]:
-    """Return what a run gives, and its CPU seconds; raise `TimeLimit` above `most` [s]."""
+    """Run a setup once, and return the part of its row from `solve`, and the CPU seconds.
+
+    Raise `TimeLimit` if the run takes more than `most` CPU seconds, or the case more than its
+    time limit; None is no limit.
+    """
     begin = time.process_time()
 
     def report(*_: object) -> None:
@@ -140,7 +144,9 @@ def _run_once(solve: Solve, setup: Setup, most: float | None) -> tuple[dict, flo
     return row, time.process_time() - begin
 
 
-def _run_timed(solve: Solve, setup: Setup, repeats: int, most: float | None) -> tuple[dict, float]:
+def _run_timed(
+    solve: Solve, setup: Setup, repeats: int, most: float | None
+) -> tuple[dict[str, Any], float]:
     """Run a setup so that its CPU seconds can be compared with those of other setups.
 
     First a run that does not count compiles and warms up what the run needs: four steps, 2 % of

@@ -102,7 +102,8 @@ class Modes(StudyResult):
         for number, shape in enumerate(self.shapes, start=1):
             shape = shape / np.linalg.norm(shape, axis=1).max()
             x = self.state.x + SHOWN_DISPLACEMENT * cloth.extent * shape
-            frames.add(State(float(number), x, 0.0 * shape), ({"shape": shape}, {}))
+            frame_state = State(t=float(number), x=x, v=0.0 * shape)
+            frames.add(frame_state, ({"shape": shape}, {}))  # an array of points, none of cells
         return frames.opens
 
     def __repr__(self) -> str:

@@ -144,7 +144,11 @@ class Opened:
 
 
 def open_study(problem: Any, shared: Mapping[str, Any]) -> Opened:
-    """Open a problem with the arguments that studies share; an open problem has them already."""
+    """Open a problem with the arguments that studies share.
+
+    A problem that is open already is returned as it is; `shared` must be empty then, else
+    `InputError` is raised.
+    """
     if not isinstance(problem, Opened):
         return Opened.of(problem, **shared)
     if shared:

@@ -74,7 +74,11 @@ def _start_worker(file: str, name: str) -> None:
 
 
 def _run_limited(file: str, name: str, settings: dict, time_limit: float | None) -> dict:
-    """Run a case; the system ends the process when it is late, also in compiled code."""
+    """Run a case; if it takes longer than the limit [CPU s], the system ends this process.
+
+    So a case ends that does not look at its time limit, as in compiled code. The timer exists on
+    POSIX systems only.
+    """
     if time_limit is None or os.name != "posix":
         return run_case(file, name, settings, time_limit)
     signal.setitimer(signal.ITIMER_PROF, LATE_OVER_LIMIT * time_limit)

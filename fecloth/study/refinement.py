@@ -133,7 +133,8 @@ def summarise(
         obstacles = list(rows[-1]["obstacles"])
     wrinkles = (doubt for doubt in doubts_of(rows[-1]) if doubt.kind is DoubtKind.WRINKLES)
     doubt = next(wrinkles, None)
-    converges, verdict = judge(estimate, sizes, judged_numbers, obstacles, abs(values[-1]), doubt)
+    size = abs(values[-1])
+    converges, verdict = judge(estimate, sizes, judged_numbers, obstacles, size, doubt)
     value_words = with_uncertainty(values[-1], uncertainty, described["unit"])
     answer = f"{quantity.text} = {value_words}"
     errors = [max(abs(number - estimate.limit), least_error) for number in judged_numbers]
@@ -169,7 +170,7 @@ def _make_table(rows: Sequence[Mapping], values: Sequence[float], errors: Sequen
 
 
 def _find_failure(rows: Sequence[Mapping]) -> str:
-    """Return how many levels failed and the cause of the first; "" if none failed."""
+    """Return in words how many levels failed and the cause of the first; "" if none failed."""
     failed = [row for row in rows if row["status"] != OK]
     if not failed:
         return ""

@@ -130,9 +130,10 @@ class SceneProblem(CommonProblem):
         return replace(self.size, triangles=triangles, steps=steps)
 
     def check(self, refine: str) -> None:
-        """Raise `InputError` if there is no h or fixed dt to refine; `refine` is as for `converge`.
+        """Raise `InputError` if there is no h or fixed dt to refine.
 
-        An explicit method with its stable step needs no dt for "both": the step falls with h.
+        `refine` is "h", "dt" or "both". An explicit method with its stable step needs no dt for
+        "both": the step falls with h.
         """
         if refine != "dt" and not self.can_refine("h"):
             remedy = "Give a .geo file and h, or a shape."
@@ -275,11 +276,14 @@ def _constants(fabric: dict) -> dict:
 
 
 def digest_of_files(scene: Scene) -> str:
-    """Return a hash of the files that the scene reads: an edited mesh makes another case."""
+    """Return a hash of the contents of the files that the scene reads.
+
+    These are the mesh, the start and tables of terms. So an edited file makes another case.
+    """
     digest = hashlib.sha256()
     paths = [getattr(scene.cloth, "path", None), scene.start.frame]
     paths += [dict(term).get("path") for term in scene.terms]
     paths += getattr(scene.cloth, "paths", ())
     for path in paths:
-        digest.update(Path(path).read_bytes() if path else b"-")
+        digest.update(Path(path).read_bytes() if path else b"-")  # "-": no file in this place
     return digest.hexdigest()[:12]

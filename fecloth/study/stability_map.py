@@ -63,7 +63,7 @@ class StabilityMap(StudyResult):
         return draw_map(self)
 
     def notes(self) -> list[str]:
-        """Sentences on the columns, on runs that were stopped, and on methods not in the figure."""
+        """Sentences on the columns, on stopped runs, and on methods outside of the figure."""
         lines = [
             "Longest step: up to it the runs reach the end, make at most 5 % of the energy that "
             "moves, and do not warn. Longer steps may be wrong and yet not fail.",

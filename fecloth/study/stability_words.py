@@ -61,7 +61,7 @@ def describe_ratio(longest: Range, predicted: float | None) -> str:
 
 
 def describe_limit(predicted: float | None) -> str:
-    """Return a predicted limit in words."""
+    """Return a predicted limit [s] in words; None is not known, infinite is none."""
     if predicted is None:
         return "not known"
     if math.isinf(predicted):

@@ -180,8 +180,8 @@ def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) ->
 def observed_order(h: np.ndarray, values: np.ndarray) -> float:
     """Return p of three levels, fine to coarse: (h₃^p − h₂^p)/(h₂^p − h₁^p) = Δφ₃₂/Δφ₂₁.
 
-    The order is negative where the differences grow, at least −1, and 0 where they stay the same.
-    It is NaN where their sign changes.
+    The order is at least −1 and at most `HIGHEST_FITTED_ORDER`. It is negative where the
+    differences grow, and 0 where they stay the same. It is NaN where their sign changes.
     """
     fine_change = values[1] - values[0]
     coarse_change = values[2] - values[1]

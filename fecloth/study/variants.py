@@ -156,7 +156,11 @@ def name_variant(values: Mapping[str, object]) -> str:
 
 
 def _name_value(key: str, value: object) -> str:
-    """Return the name of a value of a key; the name of a table begins with its type."""
+    """Return the name of a value of a key, as a part of the name of a variant.
+
+    It is the text itself, "key = number" without the tables of the key, or the type of a table
+    with its other values in brackets.
+    """
     if isinstance(value, Mapping):
         name = value.get("type", key)
         others = describe_values({k: v for k, v in value.items() if k != "type"})

@@ -60,7 +60,7 @@ class Workload:
         return self.triangles * BINDING + self.steps * (least + self.triangles * step)
 
     def coarser(self, k: float) -> "Workload":
-        """Return the size with edges k times as long: explicit steps are k times as long, too."""
+        """Return the size with edges k times as long; explicit steps are as much longer."""
         steps = self.steps
         if self.is_explicit:
             steps /= k
@@ -109,7 +109,8 @@ def _estimate_area(scene: Scene) -> float:
 def count_steps(scene: Scene) -> float:
     """Return the number of steps; a load step takes as long as several steps in time.
 
-    It is a guess, `CHOSEN_STEPS`, if an implicit run chooses its steps.
+    For an equilibrium it is the number of Newton iterations. If an implicit run chooses its
+    steps, it is a guess, `CHOSEN_STEPS`.
     """
     if scene.equilibrium:
         return LOAD_STEP * scene.equilibrium.load_steps
