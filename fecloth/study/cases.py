@@ -76,14 +76,20 @@ class Progress:
 
     @property
     def seconds_left(self) -> float:
-        """Predicted time left [s]: from finished cases, without the first of each process."""
-        left = self.cost - self.spent
-        spent = self.spent - self.spent_on_first
-        if spent > 0:
-            return left * (self.elapsed - self.elapsed_in_first) / spent
+        """Predicted time left [s].
+
+        It follows from the time that the finished cases took, without the first case of each
+        process. If there are only such first cases yet, it follows from the predicted costs.
+        """
+        cost_left = self.cost - self.spent
+        cost_after_first = self.spent - self.spent_on_first
+        if cost_after_first > 0:
+            seconds_after_first = self.elapsed - self.elapsed_in_first
+            return cost_left * seconds_after_first / cost_after_first
         if self.in_seconds:
-            return left / self.at_once
-        return left * self.elapsed_in_first / self.spent_on_first
+            return cost_left / self.at_once
+        # the costs have no unit, so even the slow first cases are the best guess
+        return cost_left * self.elapsed_in_first / self.spent_on_first
 
     def print(self, words: str, result: dict, cost: float) -> None:
         """Count a finished case, and print a line that says which case it was and how it ended.
@@ -244,11 +250,11 @@ def run_cases(
     missing = list({case.key: case for case in all_cases if case.key not in results}.values())
     at_once = min(jobs, len(missing)) or 1
     if scheduler and missing:
-        finished = run_on_cluster(missing, scheduler, time_limit)
+        finished_cases = run_on_cluster(missing, scheduler, time_limit)
     elif jobs > 1 and missing:
-        finished = run_in_processes(missing, at_once, time_limit)
+        finished_cases = run_in_processes(missing, at_once, time_limit)
     else:
-        finished = _run_here(missing, function, time_limit)
+        finished_cases = _run_here(missing, function, time_limit)
     progress = Progress(
         [cost_of[case.key] for case in missing],
         stored=len(results),
@@ -257,14 +263,14 @@ def run_cases(
         quiet=quiet,
     )
     try:
-        for case, result in finished:  # the cases run here, one after the other or side by side
+        for case, result in finished_cases:  # they run while this loop waits for the next one
             _write_result(case, result, out, time_limit)
             results[case.key] = result
             progress.print(label(case.settings), result, cost_of[case.key])
     except KeyboardInterrupt:
         if out is None:
             raise
-        raise KeyboardInterrupt(INTERRUPTED) from None
+        raise KeyboardInterrupt(INTERRUPTED) from None  # finished cases are stored
     return [{**case.settings, **results[case.key]} for case in all_cases]
 
 

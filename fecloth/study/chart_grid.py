@@ -76,6 +76,7 @@ def _combine_for_scene(scene: Scene, methods, elements, models) -> list[dict]:
     asked_elements = elements or (scene.cloth.element, *ELEMENTS)
     tried_elements = known_names("element", asked_elements, ELEMENTS)
     all_models = tuple(dict.fromkeys([*own_models, *MODELS]))  # each name once
+    # by default only the model of the first membrane of the scene
     tried_models = known_names("model", models or own_models[:1], all_models)
     rules: list[dict] = [{"method": "equilibrium"}]
     if not scene.equilibrium:
@@ -157,20 +158,20 @@ def _make_settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
         method = "Auto"
     elif method in ALL_METHODS:
         method = ALL_METHODS[method].__name__
-    shown = {"method": method}
+    setting_cells = {"method": method}
     for name in ("element", "model", "rtol"):
         if name in names:
-            shown[name] = names[name]
+            setting_cells[name] = names[name]
     try:
         variant = opened.changed(change_names(opened, names))
         first = variant.first
     except InputError as error:
-        return [shown | failure(REFUSED, error)]
-    shown["element"] = first.cloth.element
+        return [setting_cells | failure(REFUSED, error)]
+    setting_cells["element"] = first.cloth.element
     if first.is_static:
-        shown["method"] = "equilibrium"
-    elif not shown["method"]:  # a function that has no argument for its method
-        shown["method"] = type(method_of(first.steps)).__name__
+        setting_cells["method"] = "equilibrium"
+    elif not setting_cells["method"]:  # a function that has no argument for its method
+        setting_cells["method"] = type(method_of(first.steps)).__name__
     divisors_of_h = [1.0]
     if variant.can_refine("h"):
         divisors_of_h = [2.0**k for k in range(meshes)]
@@ -180,21 +181,21 @@ def _make_settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
     divisors = product(divisors_of_h, divisors_of_dt)
     # sharper=None leaves the tolerance of the solver as it is
     levels = [Level(h=h, dt=dt, sharper=None) for h, dt in divisors]
-    return [_make_point(shown, variant, level) for level in levels]
+    return [_make_point(setting_cells, variant, level) for level in levels]
 
 
-def _make_point(shown: dict, variant: Problem, level: Level) -> Point:
+def _make_point(setting_cells: dict, variant: Problem, level: Level) -> Point:
     """Return the problem on a level, to run, with its words, predicted size and cells.
 
-    `shown` are the cells that name the setting, to which h and dt of the level are added.
+    `setting_cells` name the setting; h and dt of the level are added to them.
     """
-    words = [str(value) for value in shown.values() if value]
+    words = [str(value) for value in setting_cells.values() if value]
     if str(level) != str(FIRST_LEVEL):
         words.append(str(level))
     size = variant.workload(level)
-    if shown["element"] == "P2":
+    if setting_cells["element"] == "P2":  # the prediction is for P1
         size = replace(size, triangles=P2_NODES * size.triangles)
-    cells = dict(shown)
+    cells = dict(setting_cells)
     if variant.h:
         cells["h"] = variant.h / level.h
     if not variant.is_static and variant.first.steps.dt:

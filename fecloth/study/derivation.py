@@ -74,7 +74,7 @@ class Follower:
         The setup that runs.
     recorded
         Which rows are derived.
-    both
+    setups_by_size
         The setups at p + size and p − size, by the size.
     start
         Derivatives of the start.
@@ -90,7 +90,7 @@ class Follower:
     setup_at: Callable[[float], Setup]
     base: Setup
     recorded: Recorded
-    both: dict[float, list[Setup]] = field(default_factory=dict)
+    setups_by_size: dict[float, list[Setup]] = field(default_factory=dict)
     start: Along = field(init=False)
     along: Along = field(init=False)
     rows: list[Row] = field(default_factory=list)
@@ -122,11 +122,11 @@ class Follower:
         setups of a few changes serve all steps. `dt` is the size of the step [s], over which
         velocities count, too.
         """
-        wanted = LARGEST_CHANGE
-        if moved := self.along.longest(dt):
-            wanted = MOVED_NODES * shortest_length(self.base) / moved
-        size = min(max(wanted, LEAST_CHANGE), LARGEST_CHANGE)
-        return float(10.0 ** math.floor(math.log10(size) + 1e-9))
+        wanted_size = LARGEST_CHANGE
+        if moved := self.along.longest(dt):  # for a change of p by its width [m]
+            wanted_size = MOVED_NODES * shortest_length(self.base) / moved
+        size = min(max(wanted_size, LEAST_CHANGE), LARGEST_CHANGE)
+        return float(10.0 ** math.floor(math.log10(size) + 1e-9))  # 1e-9 against round-off
 
     def sides(self, size: float = LARGEST_CHANGE) -> Sides:
         """Return the systems at p + size and p − size."""
@@ -135,10 +135,11 @@ class Follower:
 
     def _setups_at(self, size: float) -> list[Setup]:
         """Return the setups at p + size and p − size, which are made once."""
-        if size not in self.both:
+        if size not in self.setups_by_size:
             values = self.parameter.at(size), self.parameter.at(-size)
-            self.both[size] = [self.setup_at(value).probed_as(self.base) for value in values]
-        return self.both[size]
+            setups = [self.setup_at(value).probed_as(self.base) for value in values]
+            self.setups_by_size[size] = setups
+        return self.setups_by_size[size]
 
     def follow(
         self,
@@ -148,7 +149,7 @@ class Follower:
         method: Any,
         is_last: bool,
     ) -> None:
-        """Go on to the end of a step.
+        """Derive a step of the run: the state at its end and, if it is recorded, its row.
 
         Parameters
         ----------
@@ -193,7 +194,10 @@ class Follower:
         self._add_row(rows[0], rows[1], sides.size)
 
     def record_rest(self, states: Sequence[State], sides: Sides) -> None:
-        """Add the derivatives of the row of an equilibrium."""
+        """Add the derivatives of the row of an equilibrium.
+
+        `states` are the equilibria at p + ε and p − ε, `sides` the systems there.
+        """
         larger, smaller = self._setups_at(sides.size)
         self._add_row(larger.row(states[0]), smaller.row(states[1]), sides.size)
 
@@ -253,7 +257,10 @@ def derive_run(
     tolerance: float,
     report: Callable[..., None] = lambda *_: None,
 ) -> Derivation:
-    """Run a setup, and follow the derivatives by the parameters.
+    """Run a setup, and find the derivatives of what it records by each parameter.
+
+    A setup without `t_end` is run to its equilibrium. With `recorded.only_start` nothing runs,
+    and only the start is derived.
 
     Parameters
     ----------
@@ -360,15 +367,27 @@ def _make_increment(system: System, start: State) -> LoadIncrement:
     """Return all loads in one increment, as `equilibrium` takes them without load steps."""
     begin = State(start.t, start.x, np.zeros_like(start.x))
     history = system.start_history(begin)
-    return LoadIncrement(system, begin, 1.0, 1.0, start.t, start.t, history)
+    return LoadIncrement(
+        system=system,
+        start=begin,
+        load=1.0,
+        size=1.0,
+        begin=start.t,
+        end=start.t,
+        history=history,
+    )
 
 
-def _polish(state: Equilibrium, whole: LoadIncrement) -> tuple[Equilibrium, StaticTangent]:
-    """Return the equilibrium after two more Newton steps, and K where it was found."""
-    tangent = StaticTangent.at(SolvedIncrement(whole, state.x))
+def _polish(state: Equilibrium, all_loads: LoadIncrement) -> tuple[Equilibrium, StaticTangent]:
+    """Return the equilibrium after two more Newton steps, and K at the equilibrium before them.
+
+    `all_loads` is the increment of the loads that leads to the equilibrium.
+    """
+    tangent = StaticTangent.at(SolvedIncrement(all_loads, state.x))
     x = state.x
     for _ in range(POLISHING_STEPS):
-        x = x - tangent.solve(whole.equation(x).residual(x, 0.0)[0])
+        residual = all_loads.equation(x).residual(x, 0.0)[0]
+        x = x - tangent.solve(residual)
     return replace(state, x=x), tangent
 
 
@@ -382,9 +401,9 @@ def _derive_rest(
     """
     system = setup.system
     start = setup.start
-    whole = _make_increment(system, start)
-    state, tangent = _polish(equilibrium(system, start, report=report), whole)
-    solved = SolvedIncrement(whole, state.x)
+    all_loads = _make_increment(system, start)
+    state, tangent = _polish(equilibrium(system, start, report=report), all_loads)
+    solved = SolvedIncrement(all_loads, state.x)
     for follower in followers:
         sides = follower.sides()
         derived = derive_increment(solved, follower.start, sides, tangent, tolerance)

@@ -14,6 +14,7 @@ from fecloth.study.change import describe_values
 from fecloth.study.chart_grid import known_names
 from fecloth.study.figures import MOST_GROUPS, Figure
 from fecloth.study.opened import Opened, open_study
+from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_problems import Task, print_warnings, refuse_huge
 from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
@@ -144,21 +145,7 @@ def stability(
     runs = study.runs(LONGEST_CASE)
     refuse_huge(opened, runs)
     warned = print_warnings(opened)
-    runs_of_combinations = variants.make_or_refuse(
-        lambda values: list_runs(values, variants.vary(opened, values), chosen_methods),
-        combinations,
-    )
-    tried_combinations = []
-    tasks: list[Task] = []
-    refused_cells = []
-    for values, runs_or_refusal in zip(combinations, runs_of_combinations, strict=True):
-        if isinstance(runs_or_refusal, list):
-            tried_combinations.append(values)
-            tasks += runs_or_refusal
-            continue
-        for method in chosen_methods:
-            cell = {"method": method, **values, "dt": None, "steps": None}
-            refused_cells.append({**cell, **runs_or_refusal, "predicted": None})
+    tried_combinations, tasks, refused_cells = _list_tasks(opened, combinations, chosen_methods)
     cells = run_all(tasks, runs) + refused_cells
     rows = [
         _table_row(method, values, cells) for method in chosen_methods for values in combinations
@@ -174,10 +161,35 @@ def stability(
     )
 
 
+def _list_tasks(
+    opened: Problem, combinations: Sequence[dict], methods: Sequence[str]
+) -> tuple[list[dict], list[Task], list[dict]]:
+    """Return the combinations of values that run, all their runs, and the cells of the others.
+
+    A combination that the problem refuses does not run: its cells, one for each method, have the
+    reason. Raise `InputError` if all combinations are refused.
+    """
+    runs_of_combinations = variants.make_or_refuse(
+        lambda values: list_runs(values, variants.vary(opened, values), methods), combinations
+    )
+    tried_combinations = []
+    tasks: list[Task] = []
+    refused_cells = []
+    for values, runs_or_refusal in zip(combinations, runs_of_combinations, strict=True):
+        if isinstance(runs_or_refusal, list):
+            tried_combinations.append(values)
+            tasks += runs_or_refusal
+            continue
+        for method in methods:
+            cell = {"method": method, **values, "dt": None, "steps": None}
+            refused_cells.append({**cell, **runs_or_refusal, "predicted": None})
+    return tried_combinations, tasks, refused_cells
+
+
 def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Mapping]:
-    """Return the runs of a method with a combination of values."""
-    wanted = {"method": method, **values}
-    return [cell for cell in cells if all(cell[key] == value for key, value in wanted.items())]
+    """Return the cells of the runs of a method with a combination of values."""
+    settings = {"method": method, **values}
+    return [cell for cell in cells if all(cell[key] == value for key, value in settings.items())]
 
 
 def _table_row(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
@@ -187,12 +199,12 @@ def _table_row(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
     longer step. `cells` are the rows of all runs.
     """
     own_cells = _cells_of(method, values, cells)
-    longest = range_of(own_cells)
+    measured_range = range_of(own_cells)
     predicted = own_cells[0]["predicted"]  # the same in all of them
     next_step = ""
     for cell in own_cells:
-        # the second dt of the range is the shortest step that does not hold
-        if cell["dt"] == longest[1] and cell["status"] in (WRONG, FAILED):
+        # the second dt of the measured range is the shortest step that does not hold
+        if cell["dt"] == measured_range[1] and cell["status"] in (WRONG, FAILED):
             next_step = f"{cell['status']}: {stability_words.shorten(cell['cause'])}"
             break
     if own_cells[0]["status"] == REFUSED:  # as of a combination that the problem refuses
@@ -200,10 +212,10 @@ def _table_row(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
     return {
         "method": method,
         **values,
-        "longest step": stability_words.describe_range(longest),
+        "longest step": stability_words.describe_range(measured_range),
         "does not fail up to": stability_words.describe_range(range_of(own_cells, (OK, WRONG))),
         "predicted limit": stability_words.describe_limit(predicted),
-        "measured over predicted": stability_words.describe_ratio(longest, predicted),
+        "measured over predicted": stability_words.describe_ratio(measured_range, predicted),
         "next step": next_step,
     }
 
