@@ -107,19 +107,19 @@ def find_front(rows: Sequence[Mapping]) -> set[int]:
 
     Errors below their uncertainty count as equal to it: there the cheapest is the best.
     """
-    known = [row for row in rows if is_known(row)]
-    best = {id(row) for row in best_rows(known)}
+    rows_with_error = [row for row in rows if is_known(row)]
+    best = {id(row) for row in best_rows(rows_with_error)}
     return {i for i, row in enumerate(rows) if id(row) in best}
 
 
 def best_rows(rows: Sequence[Mapping]) -> list[Mapping]:
-    """Return the rows with less error than all cheaper rows, the cheapest first."""
+    """Return the rows that have less error than all cheaper rows, the cheapest first."""
     best = []
-    least = math.inf
+    least_error = math.inf
     for row in sorted(rows, key=lambda row: (row["seconds"], known_error(row))):
-        if known_error(row) < least:
+        if known_error(row) < least_error:
             best.append(row)
-            least = known_error(row)
+            least_error = known_error(row)
     return best
 
 
@@ -199,13 +199,13 @@ def describe_row(row: Mapping, with_model: bool = True) -> str:
     dt = row.get("dt")
     if with_model and row.get("model"):
         parts.append(row["model"])
-    if h and h >= 0.0099:  # 1 cm, less what three digits do not show
+    if h and h >= 0.0099:  # 1 cm, with some room for round-off
         parts.append(f"h = {100 * h:.3g} cm")
     elif h:
         parts.append(f"h = {1e3 * h:.3g} mm")
     if rtol:
         parts.append(f"rtol = {rtol:g} 1/s")
-    elif dt and dt < 0.999:  # 1 s, less what three digits do not show
+    elif dt and dt < 0.999:  # 1 s, with some room for round-off
         parts.append(f"dt = {1e3 * dt:.3g} ms")
     elif dt:
         parts.append(f"dt = {dt:.3g} s")
@@ -219,10 +219,10 @@ Series = dict[str, list[Mapping]]
 def series_of(rows: Iterable[Mapping]) -> Series:
     """Return the rows with an error by "method element model"; the model only if it varies."""
     measured = list(filter(is_known, rows))
-    several = len({row.get("model") for row in measured}) > 1
+    several_models = len({row.get("model") for row in measured}) > 1
     series: Series = {}
     for row in measured:
-        parts = [row["method"], row["element"], row["model"] if several else ""]
+        parts = [row["method"], row["element"], row["model"] if several_models else ""]
         series.setdefault(" ".join(part for part in parts if part), []).append(row)
     return series
 
@@ -251,8 +251,8 @@ def split_series(rows: Iterable[Mapping]) -> tuple[Series, Series]:
 
 def grey_letters(rows: Iterable[Mapping]) -> dict[str, str]:
     """Return the letter of each series that is drawn in grey."""
-    _, rest = split_series(rows)
-    return dict(zip(sorted(rest), LETTERS, strict=False))
+    _, other_series = split_series(rows)
+    return dict(zip(sorted(other_series), LETTERS, strict=False))
 
 
 def draw_chart(chart: Any) -> Figure:
@@ -263,22 +263,24 @@ def draw_chart(chart: Any) -> Figure:
     figure only says so.
     """
     drawing, ax = new_figure(size=(10.0, 6.0))
-    lines, rest = split_series(chart.table)
-    if not lines:
+    drawn_series, other_series = split_series(chart.table)
+    if not drawn_series:
         ax.text(0.5, 0.5, "no setting has an error", ha="center", transform=ax.transAxes)
         return drawing
-    unit = " %" if all("error %" in row for row in _rows(lines)) else ""
-    floor = next(iter(_rows(lines)))[f"uncertainty{unit}"]  # of the limit: the same in all rows
-    words = f"error of {chart.quantity} [{unit.strip() or chart.limit.unit}]"
-    ax.set(xscale="log", yscale="log", xlabel="CPU time [s]", ylabel=words)
+    # a quantity whose limit is 0 has no size, so its errors are not in %
+    unit = " %" if all("error %" in row for row in _rows(drawn_series)) else ""
+    any_row = next(iter(_rows(drawn_series)))
+    floor = any_row[f"uncertainty{unit}"]  # of the limit, so it is the same in all rows
+    ylabel = f"error of {chart.quantity} [{unit.strip() or chart.limit.unit}]"
+    ax.set(xscale="log", yscale="log", xlabel="CPU time [s]", ylabel=ylabel)
     ax.set_title(chart.title, loc="left")
-    key = "wide grey line: Pareto front; open: at most this error"
-    ax.set_title(key, loc="right", fontsize=10, color="0.35")
+    legend = "wide grey line: Pareto front; open: at most this error"
+    ax.set_title(legend, loc="right", fontsize=10, color="0.35")
     for name, letter in grey_letters(chart.table).items():
         grey = {"ls": "", "marker": f"${letter}$", "ms": 7, "color": "0.55", "mew": 0.3}
-        ax.plot(*_points(rest[name], unit), **grey)
+        ax.plot(*_points(other_series[name], unit), **grey)
     ends = []
-    for i, (name, rows) in enumerate(lines.items()):
+    for i, (name, rows) in enumerate(drawn_series.items()):
         style = line_style(i)
         # all settings of the series as pale marks, and the best of them as a line
         _draw_marks(ax, rows, unit, {**style, "ls": "", "ms": 4, "alpha": 0.35})
@@ -286,13 +288,13 @@ def draw_chart(chart: Any) -> Figure:
         ends.append((name, str(style["color"]), x[-1], y[-1]))
     wide = {"color": "0.2", "lw": 9, "alpha": 0.2, "zorder": 1, "solid_capstyle": "round"}
     ax.plot(*_points(chart.front, unit), **wide)
-    x, y = _points([*_rows(lines), *_rows(rest)], unit)
+    x, y = _points([*_rows(drawn_series), *_rows(other_series)], unit)
     lowest = min(*y, floor or math.inf)  # 0 has no place on a logarithmic axis
     ax.set(xlim=(min(x) / 1.4, max(x) * 1.4), ylim=(lowest / 2, max(y) * 1.6))
     if floor > 0:
         ax.axhspan(ax.get_ylim()[0], floor, color="0.93", zorder=0)
-        text = "below: within the uncertainty of the limit"
-        ax.text(0.01, 0.012, text, transform=ax.transAxes, fontsize=9, color="0.35")
+        floor_label = "below: within the uncertainty of the limit"
+        ax.text(0.01, 0.012, floor_label, transform=ax.transAxes, fontsize=9, color="0.35")
     use_plain_ticks(ax)
     label_ends(ax, ends)
     return drawing

@@ -106,7 +106,7 @@ def chart(
     runs = replace(timed_runs, time_limit=None, timed=False)  # of the limit
     finest_level = Level(h=LIMIT_RATIO ** (levels - 1))
     run_problems.refuse_huge(opened, runs, finest_level)
-    warned = run_problems.print_warnings(opened)
+    doubts = run_problems.print_warnings(opened)
     chosen_quantity = opened.choose_quantity(quantity)
     own_quantities = opened.quantities if quantity is None else ()
     if chosen_quantity.how == "mode":
@@ -118,7 +118,7 @@ def chart(
         lines = [_table_row(setting, None, chosen_quantity, None) for setting in settings]
         table = Table(tuple(lines))
         verdict = "not known: the limit of this problem was not found; see `converge`"
-        return Chart(title=opened.name, verdict=verdict, table=table, doubts=warned)
+        return Chart(title=opened.name, verdict=verdict, table=table, doubts=doubts)
     lines = []
     for setting, row in zip(settings, _run(settings, chosen_quantity, timed_runs), strict=True):
         lines.append(_table_row(setting, row, chosen_quantity, limit))
@@ -128,7 +128,7 @@ def chart(
     other_names = [other.text for other in own_quantities if other.text != chosen_quantity.text]
     return Chart(
         title=opened.name,
-        doubts=warned,
+        doubts=doubts,
         verdict=describe_chart(table, limit.study),
         table=table,
         quantity=chosen_quantity.text,
@@ -202,10 +202,10 @@ def _run(
         cause = f"predicted: about {in_words(setting.size.seconds)}"
         return {"status": "skipped", "cause": cause}
 
-    items = [skip_long(setting) for setting in settings]
-    if points := [item for item in items if isinstance(item, run_problems.Point)]:
+    points_or_rows = [skip_long(setting) for setting in settings]
+    if points := [item for item in points_or_rows if isinstance(item, run_problems.Point)]:
         run_problems.check_points(points, runs)
-    return run_problems.run_or_skip(items, [quantity], runs)
+    return run_problems.run_or_skip(points_or_rows, [quantity], runs)
 
 
 def _table_row(

@@ -84,7 +84,7 @@ def compare(
     opened, refused = split_refused(variants_by_name)
     for variant in opened.values():
         run_problems.refuse_huge(variant, runs)
-    warned = run_problems.print_warnings(shared_problem)
+    doubts = run_problems.print_warnings(shared_problem)
     chosen_quantity = shared_problem.choose_quantity(quantity)
 
     def plan_levels(variant: Problem) -> list[Level]:
@@ -100,9 +100,12 @@ def compare(
         causes = "; ".join(row["cause"] for row in refused.values())
         raise InputError(f"{len(levels_of)} variant", "must be at least 2", "compare", causes)
     rows = _run(opened, levels_of, chosen_quantity, runs)
-    judged = {name: _judge(rows[name], chosen_quantity, refine, levels) for name in levels_of}
-    studied = {name: (judged | refused)[name] for name in variants_by_name}
-    return replace(_conclude(opened, studied, chosen_quantity, refine), doubts=warned)
+    results: dict[str, Convergence | dict] = dict(refused)
+    for name in levels_of:
+        results[name] = _judge(rows[name], chosen_quantity, refine, levels)
+    # in the order of the variants, so that refused ones are not at the begin of the table
+    results = {name: results[name] for name in variants_by_name}
+    return replace(_conclude(opened, results, chosen_quantity, refine), doubts=doubts)
 
 
 def _open_variants(
@@ -123,9 +126,10 @@ def _open_variants(
         return problems[0], _name_variants([problem.name for problem in problems], problems)
     ranges = read_ranges(variants or ())
     combinations = combine(ranges)
-    first = with_first_values(problems[0], ranges)
-    opened = make_or_refuse(partial(vary, first), combinations)
-    return first, _name_variants([name_variant(values) for values in combinations], opened)
+    varied_problem = with_first_values(problems[0], ranges)
+    opened = make_or_refuse(partial(vary, varied_problem), combinations)
+    names = [name_variant(values) for values in combinations]
+    return varied_problem, _name_variants(names, opened)
 
 
 def _name_variants(names: Sequence[str], variants: Sequence[Any]) -> dict[str, Any]:
@@ -199,11 +203,13 @@ def _conclude(
     are_numbers = True
     differences = {}
     if studies:
-        first, *others = studies.values()
-        scale = find_scale(first)
-        are_numbers = is_number(quantity, run_problems.record_at(first.levels[0], quantity))
-        for name, other in zip(list(studies)[1:], others, strict=True):
-            differences[name] = _difference(first, other, quantity, scale, are_numbers)
+        first_study, *other_studies = studies.values()
+        scale = find_scale(first_study)
+        record = run_problems.record_at(first_study.levels[0], quantity)
+        are_numbers = is_number(quantity, record)
+        for name, other_study in zip(list(studies)[1:], other_studies, strict=True):
+            difference = _difference(first_study, other_study, quantity, scale, are_numbers)
+            differences[name] = difference
     overlay, remarks = _make_overlay(list(studies.values())[:2], quantity)
     names = {variant.name for variant in opened.values()}
     comparison = Comparison(  # without verdict and table, which are made from it below
@@ -351,22 +357,22 @@ def _cells(comparison: Comparison, name: str, variant: Convergence | dict) -> di
     """
     if isinstance(variant, dict):  # it was refused or failed: these are its cells
         return variant
-    given = variant.table[0]
+    first_level = variant.table[0]
     unit = comparison.unit if math.isnan(comparison.scale) else "%"
     difference = comparison.differences.get(name)
     bracket = f" [{unit}]" if unit else ""
     return {
         "status": OK,
-        "value": given["value"],
-        "error": given["error"],
+        "value": first_level["value"],
+        "error": first_level["error"],
         "limit": best_value(variant),
         "uncertainty": variant.uncertainty,
         f"difference as given{bracket}": difference.as_given if difference else None,
         f"difference of limits{bracket}": difference.limit if difference else None,
         f"±{bracket}": difference.uncertainty if difference else None,
         "order": variant.order,
-        "triangles": given["triangles"],
-        "cpu_seconds": given["cpu_seconds"],
+        "triangles": first_level["triangles"],
+        "cpu_seconds": first_level["cpu_seconds"],
     }
 
 

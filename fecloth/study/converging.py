@@ -72,13 +72,13 @@ def converge(
     runs = study.runs()
     opened.check(refine)
     refuse_huge(opened, runs)
-    warned = print_warnings(opened)
+    doubts = print_warnings(opened)
     chosen_quantity = opened.choose_quantity(quantity)
     if grade:
-        answer = refine_graded(opened, chosen_quantity, refine, levels, ratio, runs)
+        convergence = refine_graded(opened, chosen_quantity, refine, levels, ratio, runs)
     else:
-        answer = refine_problem(opened, chosen_quantity, refine, levels, ratio, runs)
-    return replace(answer, doubts=warned)
+        convergence = refine_problem(opened, chosen_quantity, refine, levels, ratio, runs)
+    return replace(convergence, doubts=doubts)
 
 
 NO_GRADING = (
@@ -195,10 +195,10 @@ def _cost_of(error: float, rows: Sequence[Mapping], key: str) -> float:
     It is interpolated between the rows of a kind of meshes, linearly in the logarithms; NaN for
     an error that is outside of the errors of the rows.
     """
-    known = sorted((row["error"], row[key]) for row in rows if row["error"] > 0 and row[key])
-    if not (known and known[0][0] <= error <= known[-1][0]):
+    points = sorted((row["error"], row[key]) for row in rows if row["error"] > 0 and row[key])
+    if not (points and points[0][0] <= error <= points[-1][0]):
         return math.nan
-    errors, costs = np.log(known).T
+    errors, costs = np.log(points).T
     return float(np.exp(np.interp(math.log(error), errors, costs)))
 
 

@@ -98,15 +98,15 @@ def derive_case(problem: Problem, sought: Sequence[Any]) -> dict:
     and its CPU seconds. Warnings of fecloth are dropped.
     """
     begin = time.process_time()
-    wanted = Sought.of_settings(sought)
+    sought_derivatives = Sought.of_settings(sought)
     # what Newton's method leaves must be small against the error of the derivatives
-    setup = _sharpen(problem.setup(), wanted.tolerance * NEWTON_TOLERANCE)
+    setup = _sharpen(problem.setup(), sought_derivatives.tolerance * NEWTON_TOLERANCE)
 
     def setup_at(parameter: Parameter, value: float) -> Setup:
         return setup_with(problem, {parameter.name: value}, setup)
 
     with _quietly(setup):
-        row = _derive(problem, setup, wanted, setup_at)
+        row = _derive(problem, setup, sought_derivatives, setup_at)
     return row | {"cpu_seconds": time.process_time() - begin}
 
 
@@ -190,17 +190,17 @@ def run_twin(
         The steps of the other run [s], and the name of its method; "" for the problem's own.
     """
     begin = time.process_time()
-    wanted = Sought.of_settings(sought)
+    sought_derivatives = Sought.of_settings(sought)
     values_by_name = {
         parameter.name: parameter.at(change)
-        for parameter, change in zip(wanted.parameters, changes, strict=True)
+        for parameter, change in zip(sought_derivatives.parameters, changes, strict=True)
     }
     setup = setup_with(problem, values_by_name, problem.setup())
     setup = _sharpen(setup, TWIN_TOLERANCE)
     if sizes and not isinstance(setup.steps, LoadSteps):
         method_of_run = _make_method(method) if method else method_of(setup.steps)
         setup = replace(setup, steps=GivenSteps(method_of_run, tuple(sizes)))
-    quantities = wanted.quantities
+    quantities = sought_derivatives.quantities
     recorded = {name for quantity in quantities for name in columns_to_record(quantity)}
     row = measure(
         setup,

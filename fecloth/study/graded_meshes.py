@@ -147,17 +147,17 @@ def _add_greedily(
     settings
         Tuples of place, distance [m] and power to choose from.
     """
-    least = prediction.count_triangles(gradings)
+    least_triangles = prediction.count_triangles(gradings)
     while settings:
         candidates = [
             gradings | {place: Grading(**place.arguments, distance=distance, power=power)}
             for place, distance, power in settings
         ]
-        best = min(candidates, key=prediction.count_triangles)
-        if prediction.count_triangles(best) > (1 - LEAST_SAVED) * least:
+        best_gradings = min(candidates, key=prediction.count_triangles)
+        if prediction.count_triangles(best_gradings) > (1 - LEAST_SAVED) * least_triangles:
             break
-        gradings = best
-        least = prediction.count_triangles(best)
+        gradings = best_gradings
+        least_triangles = prediction.count_triangles(best_gradings)
     return gradings
 
 

@@ -82,8 +82,8 @@ def choose_parameters(
     else:
         names = []
         for name in [asked] if isinstance(asked, str) else asked:
-            items = [key for key in numbers if key.startswith(f"{name}.")]
-            names += items or [name]  # the key of a list stands for all of its numbers
+            names_of_items = [key for key in numbers if key.startswith(f"{name}.")]
+            names += names_of_items or [name]  # the key of a list stands for all of its numbers
     if not names or len(set(names)) < len(names):
         raise InputError(f"parameters = {asked!r}", "must be names, each one once", WHERE)
     for name in sorted(set(scale) - set(names)):
@@ -155,8 +155,9 @@ def numbers_of(problem: Problem) -> Iterator[tuple[str, float]]:
 
 def _arguments(problem: FunctionProblem) -> dict[str, object]:
     """Return the arguments of the function, given or by default."""
-    listed = inspect.signature(problem.function).parameters
-    return {name: item.default for name, item in listed.items()} | dict(problem.settings)
+    parameters = inspect.signature(problem.function).parameters
+    defaults = {name: parameter.default for name, parameter in parameters.items()}
+    return defaults | dict(problem.settings)
 
 
 def _find_numbers(data: Mapping, kind: Any) -> dict[str, float]:

@@ -91,12 +91,12 @@ class CommonProblem:
         Raise `InputError` for a quantity that the run does not have, and for natural frequencies
         beside other quantities of a run in time.
         """
-        listed: Any = asked
+        quantities_to_read: Any = asked
         if asked is None:
-            listed = self.quantities
+            quantities_to_read = self.quantities
         elif isinstance(asked, str) or not isinstance(asked, Sequence):
-            listed = [asked]
-        quantities = tuple(map(parse_quantity, listed))
+            quantities_to_read = [asked]
+        quantities = tuple(map(parse_quantity, quantities_to_read))
         for quantity in quantities:
             self.check_quantity(quantity)
         are_modes = {quantity.how == "mode" for quantity in quantities}

@@ -51,8 +51,9 @@ def levels_to_run(
 ) -> list[Level]:
     """Return the levels, coarse to fine, and after them the levels that show other errors."""
     space_order, time_order = opened.orders(quantity)
-    made = make_levels(refine, levels, ratio or opened.ratio(refine), space_order, time_order)
-    return made + _levels_for_other_errors(opened, quantity, refine)
+    ratio = ratio or opened.ratio(refine)
+    refined_levels = make_levels(refine, levels, ratio, space_order, time_order)
+    return refined_levels + _levels_for_other_errors(opened, quantity, refine)
 
 
 def _levels_for_other_errors(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
@@ -124,10 +125,12 @@ def summarise(
     name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")
     own_share = {name: max(abs(estimate.value - estimate.limit), least_error)}
     finished = [row for row in more if row["status"] == OK]
-    first = record_at(rows[0], quantity)
-    changes = [difference_of(quantity, first, record_at(row, quantity)) for row in finished]
-    others = other_shares(refine, (space_order, time_order), rows[0], finished, changes)
-    uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in others.values())
+    first_record = record_at(rows[0], quantity)
+    changes = []  # of the quantity, by each of the other refinements
+    for row in finished:
+        changes.append(difference_of(quantity, first_record, record_at(row, quantity)))
+    other_errors = other_shares(refine, (space_order, time_order), rows[0], finished, changes)
+    uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in other_errors.values())
     obstacles = []
     if refine != "dt":  # they are obstacles to convergence in h
         obstacles = list(rows[-1]["obstacles"])
@@ -138,7 +141,7 @@ def summarise(
     value_words = with_uncertainty(values[-1], uncertainty, described["unit"])
     answer = f"{quantity.text} = {value_words}"
     errors = [max(abs(number - estimate.limit), least_error) for number in judged_numbers]
-    shares = own_share | others
+    shares = own_share | other_errors
     return Convergence(
         verdict=f"{verdict}: {answer}" if converges else f"{verdict}\nFinest level: {answer}",
         table=_make_table(rows, values, errors),
@@ -291,14 +294,15 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
         The parts of the error by their names; the first one is of what was refined.
     """
     lines = []
-    refined, *others = shares
-    for other in others:
-        if shares[other] > shares[refined]:
+    refined_part, *other_parts = shares
+    for other_part in other_parts:
+        if shares[other_part] > shares[refined_part]:
             remedy = "refine it too"
-            if other == "gap":
+            if other_part == "gap":
                 remedy = "take a smaller gap"
             lines.append(
-                f"The {other} contributes more than the {refined} that was refined: {remedy}."
+                f"The {other_part} contributes more than the {refined_part} that was refined: "
+                f"{remedy}."
             )
     # the name of the share may also be "mesh and time step"
     if "time step" not in " ".join(shares) and rows[-1]["time_order"]:
@@ -310,11 +314,11 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
             f"The finest run estimates its error in time {size}: the uncertainty does not "
             "contain it."
         )
-    warned = [doubt for row in rows for doubt in doubts_of(row)]
-    if warned:
-        if len(warned) == 1:
+    doubts = [doubt for row in rows for doubt in doubts_of(row)]
+    if doubts:
+        if len(doubts) == 1:
             words = "1 warning"
         else:
-            words = f"{len(warned)} warnings; the first"
-        lines.append(f"The runs gave {words}: {warned[0]}")
+            words = f"{len(doubts)} warnings; the first"
+        lines.append(f"The runs gave {words}: {doubts[0]}")
     return lines

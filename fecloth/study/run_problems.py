@@ -114,12 +114,15 @@ def check_points(points: Sequence[Point], runs: Runs) -> None:
 
 
 def run_or_skip(
-    listed: Sequence[Point | Mapping], quantities: Sequence[Quantity], runs: Runs
+    points_or_rows: Sequence[Point | Mapping], quantities: Sequence[Quantity], runs: Runs
 ) -> list[Mapping]:
-    """Return a row for each point; a row in the list, of what does not run, stays."""
-    points = [item for item in listed if isinstance(item, Point)]
+    """Return a row for each item of the list: the row of a point that runs, or the row itself.
+
+    A row (a mapping) in the list is of what does not run, such as a setting that was refused.
+    """
+    points = [item for item in points_or_rows if isinstance(item, Point)]
     new_rows = iter(run_points(points, quantities, runs)) if points else iter(())
-    return [next(new_rows) if isinstance(item, Point) else item for item in listed]
+    return [next(new_rows) if isinstance(item, Point) else item for item in points_or_rows]
 
 
 def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST_LEVEL) -> None:
@@ -238,9 +241,12 @@ class Task:
 
 
 def run_task(task: str, problem: dict, settings: dict) -> dict:
-    """Run a task in any process."""
-    kind = SceneProblem if "tables" in problem else FunctionProblem
-    return resolve_name(task)(kind.of_case(**problem), **settings)
+    """Run a task in any process, and return its row.
+
+    `task` names the function as "module:function", `problem` is the case of the problem.
+    """
+    problem_class = SceneProblem if "tables" in problem else FunctionProblem
+    return resolve_name(task)(problem_class.of_case(**problem), **settings)
 
 
 def run_tasks(tasks: Sequence[Task], runs: Runs) -> list[dict]:

@@ -74,7 +74,7 @@ def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, ob
     Raises `InputError` for any other setting that it does not take.
     """
     parameters = inspect.signature(function).parameters
-    if any(item.kind is inspect.Parameter.VAR_KEYWORD for item in parameters.values()):
+    if any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters.values()):
         return dict(settings)
     unknown = sorted(set(settings) - set(parameters) - {"h", "dt"})
     if unknown:

@@ -144,7 +144,7 @@ def stability(
     opened = variants.with_first_values(study.problem, ranges)
     runs = study.runs(LONGEST_CASE)
     refuse_huge(opened, runs)
-    warned = print_warnings(opened)
+    doubts = print_warnings(opened)
     tried_combinations, tasks, refused_cells = _list_tasks(opened, combinations, chosen_methods)
     cells = run_all(tasks, runs) + refused_cells
     rows = [
@@ -152,7 +152,7 @@ def stability(
     ]
     return StabilityMap(
         title=opened.name,
-        doubts=warned,
+        doubts=doubts,
         verdict=_verdict(tried_combinations, chosen_methods, cells),
         table=Table(tuple(rows)),
         keys=tuple(ranges),

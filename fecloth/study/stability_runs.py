@@ -183,9 +183,10 @@ def energy_made(energies: Mapping[str, np.ndarray]) -> float:
             work = work + values
         elif ":" not in name and name not in (*SUMS, "t"):
             parts.append(values)
-    made = energies["total"] - energies["total"][0] - work
-    moved = abs(work) + sum(abs(values - values[0]) for values in parts)
-    return max(0.0, float(made.max() / max(moved.max(), 1e-300)))  # 1e-300: nothing moved
+    made_energy = energies["total"] - energies["total"][0] - work
+    moved_energy = abs(work) + sum(abs(values - values[0]) for values in parts)
+    largest_moved = max(moved_energy.max(), 1e-300)  # 1e-300 if nothing moved
+    return max(0.0, float(made_energy.max() / largest_moved))
 
 
 def _make_row(task: Task, row: Mapping) -> dict:

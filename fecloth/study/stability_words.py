@@ -81,6 +81,7 @@ def describe_best(ranges: Mapping[str, Range]) -> str:
     if longest == 0.0:
         return "no method holds at a step that was tried"
     # The methods that hold the longest step, or may hold it: their range does not end below it.
+    # 1e-9 is for round-off: steps of two methods that should be equal may differ by it.
     best = {
         name: (low, high)
         for name, (low, high) in ranges.items()
@@ -163,32 +164,37 @@ def draw_map(stability: Any) -> Figure:
     are_numbers = not isinstance(x[0], str)
     first_panel = panels[0]  # all panels share its axes
     first_panel.set(yscale="log", ylim=(min(steps) / 1.5, max(steps) * 1.5))
-    if are_numbers and max(x) >= 10 * min(x):
+    if are_numbers and max(x) >= 10 * min(x):  # a decade or more
         first_panel.set(xscale="log", xlim=(min(x) / 1.5, max(x) * 1.5))
     elif not are_numbers:
         first_panel.set_xlim(-0.6, len(set(x)) - 0.4)
     # the lowest panel of each column has the labels of the axis
     for ax in panels[max(len(methods) - columns, 0) : len(methods)]:
         ax.tick_params("x", labelbottom=True)
-        if not are_numbers and max(map(len, x)) > 6:
+        if not are_numbers and max(map(len, x)) > 6:  # longer texts would overlap
             ax.tick_params("x", rotation=30)
     for ax in panels[len(methods) :]:
         ax.set_axis_off()
     drawing.supylabel("time step [s]")
     if stability.keys:
         drawing.supxlabel(", ".join(stability.keys))
-    lines = {}  # a line of any panel by its label
+    _draw_legend(drawing, panels)
+    return drawing
+
+
+def _draw_legend(drawing: Figure, panels: Iterable[Any]) -> None:
+    """Draw one legend for all panels above them, with each label once."""
+    line_of = {}  # a line of any panel, by its label
     for ax in panels:
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            lines[label] = handle
+        for line, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            line_of[label] = line
     drawing.legend(
-        list(lines.values()),
-        list(lines),
+        list(line_of.values()),
+        list(line_of),
         loc="outside upper center",
-        ncols=len(lines),
+        ncols=len(line_of),
         frameon=False,
     )
-    return drawing
 
 
 def _places(values: Sequence[tuple]) -> list:

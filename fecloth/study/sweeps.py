@@ -110,12 +110,12 @@ def sweep(
     opened = variants.with_first_values(study.problem, ranges)
     runs = study.runs()
     run_problems.refuse_huge(opened, runs)
-    warned = run_problems.print_warnings(opened)
+    doubts = run_problems.print_warnings(opened)
     quantities = opened.choose_quantities(quantity)
-    points_or_refusals = variants.make_or_refuse(partial(_make_point, opened), combinations)
-    points = [item for item in points_or_refusals if isinstance(item, run_problems.Point)]
+    points_or_rows = variants.make_or_refuse(partial(_make_point, opened), combinations)
+    points = [item for item in points_or_rows if isinstance(item, run_problems.Point)]
     run_problems.check_points(points, runs)
-    rows = run_problems.run_or_skip(points_or_refusals, quantities, runs)
+    rows = run_problems.run_or_skip(points_or_rows, quantities, runs)
     if all(row["status"] == REFUSED for row in rows):
         raise InputError(f"every value: {rows[0]['cause']}")
     table_rows = []
@@ -125,7 +125,7 @@ def sweep(
     names = next((row["energies"] for row in rows if row["status"] == OK), ())
     return Sweep(
         title=opened.name,
-        doubts=warned,
+        doubts=doubts,
         verdict=_verdict(table, quantities),
         table=table,
         keys=tuple(ranges),
