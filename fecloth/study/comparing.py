@@ -88,7 +88,7 @@ def compare(
     chosen_quantity = shared_problem.choose_quantity(quantity)
 
     def plan_levels(variant: Problem) -> list[Level]:
-        # raises InputError for a variant that cannot be refined, or lacks the quantity
+        """Return the levels; raise `InputError` if the variant lacks an h or the quantity."""
         variant.check(refine)
         variant.check_quantity(chosen_quantity)
         return levels_to_run(variant, chosen_quantity, refine, levels, ratio)

@@ -112,10 +112,11 @@ def summarise(
     }
     rows = [{**row, "h": _edge(opened, rows[0], row)} for row in rows]
     if failure := _find_failure(rows):
-        return _answer_unknown(failure, rows, described)
+        return _make_unknown_result(failure, rows, described)
     values, judged_numbers = _values_of_levels(quantity, rows)
     if not np.isfinite(judged_numbers).all():
-        return _answer_unknown(f"{quantity.text} has no value on a level", rows, described)
+        why = f"{quantity.text} has no value on a level"
+        return _make_unknown_result(why, rows, described)
     sizes = [row["step"] if refine == "dt" else row["h"] for row in rows]
     estimate = estimate_uncertainty(sizes, judged_numbers, theory)
     least_error = 0.0
@@ -158,8 +159,11 @@ def summarise(
     )
 
 
-def _answer_unknown(why: str, rows: Sequence[Mapping], described: Mapping) -> Convergence:
-    """Return a result without a value; `described` says what was studied."""
+def _make_unknown_result(why: str, rows: Sequence[Mapping], described: Mapping) -> Convergence:
+    """Return a result without a value, whose verdict says `why` there is none.
+
+    `described` are the fields of the result that say what was studied.
+    """
     table = Table(tuple(map(_table_row, rows)))
     return Convergence(verdict=f"not known: {why}", table=table, **described)
 

@@ -161,7 +161,8 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
     tasks = []
     for point in points:
         settings = common_settings | _timing(point, runs)
-        tasks.append(Task(measure_problem, point.refined, settings, point.words, point.size))
+        task = Task(measure_problem, point.refined, settings, words=point.words, size=point.size)
+        tasks.append(task)
     rows = run_tasks(tasks, runs)
     return [judged(row) | {"point": point} for row, point in zip(rows, points, strict=True)]
 

@@ -176,13 +176,13 @@ def _run_and_check(
     size = opened.workload(FIRST_LEVEL)
     row = _run_with_derivatives(opened, sought, size, runs)
     unknown = np.full((len(sought.quantities), len(sought.parameters)), np.nan)
-    slopes = np.array(row.get("slopes", unknown))
+    slopes = np.array(row.get("slopes", unknown))  # a run that failed has none
     checked = np.full(len(slopes), np.nan)
     why = row.get("why", "")
     if check and row["status"] == OK:
         # The quantity may bend too much for the wide change: then the narrow one decides.
         for change in (WIDE_CHANGE, NARROW_CHANGE):
-            checked, why = _check(opened, sought, slopes, row, size, runs, change)
+            checked, why = _check_by_twin_runs(opened, sought, slopes, row, size, runs, change)
             if not (checked > LARGEST_ERROR).any():
                 break
     is_lost = _find_changes_below_round_off(sought, slopes, np.array(row.get("values", [])))
@@ -229,6 +229,7 @@ def _find_changes_below_round_off(
     """
     if not len(values):
         return np.zeros(slopes.shape, bool)
+    # without a given scale the width is the size of the value
     has_scale = np.array([p.width != abs(p.value) for p in sought.parameters])
     is_small = np.abs(slopes) < LEAST_QUANTITY_CHANGE * np.abs(values)[:, None]
     return np.asarray(has_scale & (slopes != 0.0) & is_small)
@@ -269,7 +270,7 @@ def describe_weak_terms(
     return ""
 
 
-def _check(
+def _check_by_twin_runs(
     opened: Problem,
     sought: Sought,
     slopes: np.ndarray,
