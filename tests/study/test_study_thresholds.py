@@ -152,7 +152,7 @@ def test_modes_warn_above_1_per_cent_of_the_forces_and_1e_6_of_asymmetry(
     asymmetry, unbalanced, count
 ):
     pairs = Eigenpairs(np.array([1.0]), np.zeros((1, 3, 3)), 1e-9, asymmetry)
-    assert len(list(modes._warnings(pairs, unbalanced))) == count
+    assert len(list(modes._find_doubts(pairs, unbalanced))) == count
 
 
 @pytest.mark.parametrize(("made", "status"), [(0.045, "ok"), (0.055, "wrong")])
