@@ -122,7 +122,7 @@ def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -
     setup = setup.recording(quantity.column for quantity in sought.quantities)
     recorded = what_to_record(sought.quantities, setup)
     if sought.whole:
-        recorded = replace(recorded, whole=True, only_start=False)
+        recorded = replace(recorded, whole=True, only_start=False)  # the rows of each step
     derivation = derive_run(
         setup,
         sought.parameters,
@@ -197,16 +197,16 @@ def run_twin(
     }
     setup = setup_with(problem, values_by_name, problem.setup())
     setup = _sharpen(setup, TWIN_TOLERANCE)
-    if sizes and not isinstance(setup.steps, LoadSteps):
+    if sizes and not isinstance(setup.steps, LoadSteps):  # load steps are the same anyway
         method_of_run = _make_method(method) if method else method_of(setup.steps)
         setup = replace(setup, steps=GivenSteps(method_of_run, tuple(sizes)))
     quantities = sought_derivatives.quantities
     recorded = {name for quantity in quantities for name in columns_to_record(quantity)}
     row = measure(
         setup,
-        sorted(recorded),
+        recorded=sorted(recorded),
         modes=max((quantity.mode for quantity in quantities), default=0),
-        function=next((q.function for q in quantities if q.function), None),
+        function=next((q.function for q in quantities if q.function), None),  # the only one
         rest=find_rest,
     )
     cloth = setup.cloth

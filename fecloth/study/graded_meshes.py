@@ -194,7 +194,10 @@ def find_lone_pins(setup: Setup) -> np.ndarray:
 
 
 def _find_ends_of_pins(setup: Setup, border: np.ndarray) -> np.ndarray:
-    """Return (n,) whether just one of the two edges of the border at a node is pinned."""
+    """Return (n,) whether just one of the two edges of the border at a node is pinned.
+
+    `border` are the edges (b, 2) of the border.
+    """
     is_pinned = np.isin(border, setup.system.constraints.nodes).all(axis=1)
     pinned_edges = np.bincount(border[is_pinned].ravel(), minlength=len(setup.cloth.X))
     return pinned_edges == 1

@@ -45,7 +45,7 @@ def setup_of_function(
         Divides the tolerance of the solver; None leaves it as it is.
     """
     name = getattr(function, "__name__", "problem")
-    if "grading" in settings:  # from JSON
+    if "grading" in settings:  # the tables of gradings, as a case has them
         entries: Any = settings["grading"]
         settings = {**settings, "grading": [Grading(**entry) for entry in entries]}
     returned = function(**accepted(function, settings))
@@ -65,7 +65,14 @@ def setup_of_function(
     elif load_steps > 1:  # a term says that the equilibrium depends on how the loads grow
         steps = LoadSteps(load_steps)
         t_end = 1.0  # all of the loads
-    return Setup(system, start, steps, t_end, newton, probes=tuple(probes))
+    return Setup(
+        system=system,
+        start=start,
+        steps=steps,
+        t_end=t_end,
+        newton=newton,
+        probes=tuple(probes),
+    )
 
 
 def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, object]:
@@ -74,7 +81,8 @@ def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, ob
     Raises `InputError` for any other setting that it does not take.
     """
     parameters = inspect.signature(function).parameters
-    if any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters.values()):
+    kinds = [parameter.kind for parameter in parameters.values()]
+    if inspect.Parameter.VAR_KEYWORD in kinds:  # **settings takes any argument
         return dict(settings)
     unknown = sorted(set(settings) - set(parameters) - {"h", "dt"})
     if unknown:
@@ -114,7 +122,10 @@ def describe_term(term: Any, number: int) -> dict:
 
 
 def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
-    """Return the setup with these terms; pins clamp only if one of them holds normals."""
+    """Return the setup with the terms of these tables in place of its own.
+
+    If no term holds normals, such as one of bending, no pin clamps: there is nothing to clamp.
+    """
     system: Any = setup.system
     new_terms = tuple(_make_term(term, system.terms) for term in terms)
     pins = system.pins
