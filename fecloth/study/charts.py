@@ -102,8 +102,8 @@ def chart(
     study = open_study(problem, shared)
     validation.whole("meshes", meshes, 1, "chart", most=4)
     opened = study.problem
-    timed_runs = replace(study.runs(LONGEST_CASE), timed=True)  # of the settings
-    runs = replace(timed_runs, time_limit=None, timed=False)  # of the limit
+    timed_runs = replace(study.runs(LONGEST_CASE), timed=True)  # for the settings
+    runs = replace(timed_runs, time_limit=None, timed=False)  # for the limit
     finest_level = Level(h=LIMIT_RATIO ** (levels - 1))
     run_problems.refuse_huge(opened, runs, finest_level)
     doubts = run_problems.print_warnings(opened)
@@ -179,7 +179,7 @@ def _change_for_limit(opened: Problem) -> Problem:
     if time.dt != "auto" and opened.first.steps.traits.order >= 2:
         return opened
     dt = time.dt
-    if dt == "auto":
+    if dt == "auto":  # the error chooses the steps, which cannot be halved from level to level
         dt = (time.t_end - time.t_start) / STEPS_OF_LIMIT
     names = {"method": "bdf2", "element": opened.scene.cloth.element, "model": "", "dt": dt}
     return opened.changed(change_names(opened, names))

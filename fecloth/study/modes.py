@@ -159,17 +159,17 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
         If the state is unstable or no equilibrium, or a tangent is not symmetric.
     """
     check_system(system, state, "modes")
-    free = system.admissible.shape[1]
-    if free < 2:
-        what = f"a system of {free} free degrees of freedom"
+    free_directions = system.admissible.shape[1]
+    if free_directions < 2:
+        what = f"a system of {free_directions} free degrees of freedom"
         raise InputError(what, "must have at least 2", "modes", "Pin less of the cloth.")
-    validation.whole("count", count, 1, "modes", most=free - 1)
+    validation.whole("count", count, 1, "modes", most=free_directions - 1)
     # with the history of the terms, friction sticks where it holds
     system_at_rest = system.with_history(system.start_history(state))
     pairs = least_eigenpairs(system_at_rest, state, count)
     unbalanced = _unbalanced(system_at_rest, state)
     frequencies = _frequencies(pairs.values)
-    zero = float(_frequencies(np.array([pairs.zero]))[0])
+    zero = float(_frequencies(np.array([pairs.zero]))[0])  # up to it ω² may be round-off
     doubts = tuple(_find_doubts(pairs, unbalanced))
     for doubt in doubts:
         warnings.warn(str(doubt), FeclothWarning, stacklevel=2)

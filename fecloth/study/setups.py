@@ -124,7 +124,7 @@ def describe_term(term: Any, number: int) -> dict:
 def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
     """Return the setup with the terms of these tables in place of its own.
 
-    If no term holds normals, such as one of bending, no pin clamps: there is nothing to clamp.
+    If there is no term with which clamped pins can hold the normals of the cloth, no pin clamps.
     """
     system: Any = setup.system
     new_terms = tuple(_make_term(term, system.terms) for term in terms)
