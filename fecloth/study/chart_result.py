@@ -151,9 +151,9 @@ def describe_chart(table: Table, limit: Convergence) -> str:
         return "no setting has an error"
     if "error %" not in rows[0]:
         cheapest = min((row for row in rows if row["on front"]), key=known_error)
-        error = f"error {cheapest['error']:.2g} {limit.unit}"
-        words = f"for {cheapest['seconds']:.2g} s by {describe_row(cheapest)}"
-        return f"{error} {words}; the limit is zero"
+        error_words = f"error {cheapest['error']:.2g} {limit.unit}"
+        cost_words = f"for {cheapest['seconds']:.2g} s by {describe_row(cheapest)}"
+        return f"{error_words} {cost_words}; the limit is zero"
     several_models = len({row.get("model") for row in rows}) > 1
     last_lines = list[str]()
     # One setting may be the cheapest for several errors: then they share a line. Rows are not

@@ -111,6 +111,7 @@ class Convergence(StudyResult):
         size_name = "dt" if self.refine == "dt" else "h"
         with_value = [row for row in self.table if row.get("value") is not None]
         uniform = [row for row in with_value if row.get("mesh") == "uniform"]
+        # the rows of graded meshes, if there are some; else all
         rows = [row for row in with_value if row not in uniform]
         sizes = np.array([row[size_name] for row in rows], dtype=float)
         values = np.array([row["value"] for row in rows], dtype=float)
@@ -177,7 +178,7 @@ def judge(
     """Return whether values converge, and the verdict: a sentence that says so, or why not.
 
     They converge if they are equal, or if the observed order is at least 75 % of the theory and
-    clearer than the scatter.
+    the fit shows more than scatter.
 
     Parameters
     ----------
