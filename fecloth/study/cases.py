@@ -56,9 +56,10 @@ class Progress:
         self.in_seconds = in_seconds
         self.quiet = quiet
         self.done = 0
-        self.spent = 0.0
+        self.spent = 0.0  # predicted cost of the finished cases
         self.elapsed = 0.0
-        self.spent_on_first = 0.0  # first cases of the processes, which import and compile
+        # the same for the first case of each process, which is slow: it imports and compiles
+        self.spent_on_first = 0.0
         self.elapsed_in_first = 0.0
         self.begin = clock()
         if stored and not quiet:
@@ -75,17 +76,27 @@ class Progress:
 
     @property
     def seconds_left(self) -> float:
-        """Predicted time left [s]: from finished cases, without the first of each process."""
-        left = self.cost - self.spent
-        spent = self.spent - self.spent_on_first
-        if spent > 0:
-            return left * (self.elapsed - self.elapsed_in_first) / spent
+        """Predicted time left [s].
+
+        It follows from the time that the finished cases took, without the first case of each
+        process. If there are only such first cases yet, it follows from the predicted costs.
+        """
+        cost_left = self.cost - self.spent
+        cost_after_first = self.spent - self.spent_on_first
+        if cost_after_first > 0:
+            seconds_after_first = self.elapsed - self.elapsed_in_first
+            return cost_left * seconds_after_first / cost_after_first
         if self.in_seconds:
-            return left / self.at_once
-        return left * self.elapsed_in_first / self.spent_on_first
+            return cost_left / self.at_once
+        # the costs have no unit, so even the slow first cases are the best guess
+        return cost_left * self.elapsed_in_first / self.spent_on_first
 
     def print(self, words: str, result: dict, cost: float) -> None:
-        """Count a finished case, and print a line with its `words` and how it ended."""
+        """Count a finished case, and print a line that says which case it was and how it ended.
+
+        `words` describe the case, `result` is its row with `status` and `cause`, and `cost` its
+        predicted cost. With `quiet` the case is counted, but nothing is printed.
+        """
         self.add(cost)
         if self.quiet:
             return
@@ -114,9 +125,12 @@ HIDDEN = ("path", "digest", "content", "text", "tables")  # settings that say no
 
 
 def describe_settings(settings: Mapping) -> str:
-    """Return settings in words, without paths, hashes, contents of files and defaults."""
-    chosen = {key: value for key, value in settings.items() if key not in HIDDEN}
-    words = {key.replace("_", " "): value for key, value in chosen.items() if value is not None}
+    """Return settings in words, without paths, hashes, contents of files and None.
+
+    A value is shortened to 40 characters.
+    """
+    shown = {key: value for key, value in settings.items() if key not in HIDDEN}
+    words = {key.replace("_", " "): value for key, value in shown.items() if value is not None}
     return ", ".join(f"{key} {' '.join(str(v).split())[:40]}" for key, v in words.items())
 
 
@@ -143,14 +157,24 @@ class Case:
 
     @classmethod
     def of(cls, function: Callable[..., dict], settings: Mapping[str, object]) -> "Case":
-        """Return the case of a module-level function."""
+        """Return the case of a module-level function with these settings.
+
+        Raises `InputError` for a function that is not at the top level of its module, and for
+        settings that JSON cannot write, or reads back as something else, such as a tuple.
+        """
         file = inspect.getsourcefile(function) or ""
+        # "<" is in the name of a lambda or of a function in a function, "." in that of a method
         if "<" in function.__qualname__ or "." in function.__qualname__:
             what = f"function = {function.__qualname__}"
             remedy = "Define it at the top level of a file, so that other processes can import it."
             raise InputError(what, "must be a module-level function", "run_cases", remedy)
         path = str(Path(file).resolve())
-        case = cls(dict(settings), path, function.__name__, source_hash(file))
+        case = cls(
+            settings=dict(settings),
+            file=path,
+            name=function.__name__,
+            source=source_hash(file),
+        )
         if json.loads(case.text) != case.settings:
             what = f"settings = {case.settings}"
             raise InputError(what, "must be what JSON reads back: lists, no tuples", "run_cases")
@@ -222,14 +246,15 @@ def run_cases(
     results: dict[str, dict] = {}
     if out is not None and not fresh:
         results = _read_results(all_cases, Path(out), time_limit)
+    # a dict, because cases with the same settings have the same key and run only once
     missing = list({case.key: case for case in all_cases if case.key not in results}.values())
     at_once = min(jobs, len(missing)) or 1
     if scheduler and missing:
-        finished = run_on_cluster(missing, scheduler, time_limit)
+        finished_cases = run_on_cluster(missing, scheduler, time_limit)
     elif jobs > 1 and missing:
-        finished = run_in_processes(missing, at_once, time_limit)
+        finished_cases = run_in_processes(missing, at_once, time_limit)
     else:
-        finished = _run_here(missing, function, time_limit)
+        finished_cases = _run_here(missing, function, time_limit)
     progress = Progress(
         [cost_of[case.key] for case in missing],
         stored=len(results),
@@ -238,14 +263,14 @@ def run_cases(
         quiet=quiet,
     )
     try:
-        for case, result in finished:
+        for case, result in finished_cases:  # they run while this loop waits for the next one
             _write_result(case, result, out, time_limit)
             results[case.key] = result
             progress.print(label(case.settings), result, cost_of[case.key])
     except KeyboardInterrupt:
         if out is None:
             raise
-        raise KeyboardInterrupt(INTERRUPTED) from None
+        raise KeyboardInterrupt(INTERRUPTED) from None  # finished cases are stored
     return [{**case.settings, **results[case.key]} for case in all_cases]
 
 
@@ -263,19 +288,27 @@ def _path(case: Case, out: Path) -> Path:
 def _write_result(
     case: Case, result: dict, out: str | Path | None, time_limit: float | None
 ) -> None:
-    """Write a result to disk if a second run would give the same."""
-    clash = sorted(set(case.settings) & set(result))
-    if clash:
-        what = f"{case.name} returned {', '.join(clash)}"
+    """Write a result to the folder `out`, if there is one and a second run would end the same.
+
+    Raises `InputError` if the result has a column with the name of a setting: both would be the
+    same column of a row.
+    """
+    doubled_names = sorted(set(case.settings) & set(result))
+    if doubled_names:
+        what = f"{case.name} returned {', '.join(doubled_names)}"
         raise InputError(what, "a setting has that name already", case.file)
     if out is not None and result["status"] in status.REPRODUCIBLE:
         entry = {"settings": case.settings, "time_limit": time_limit, "result": result}
-        text = json.dumps(entry, default=lambda value: value.tolist())
+        text = json.dumps(entry, default=lambda value: value.tolist())  # of NumPy's arrays
         replace_file(_path(case, Path(out)), (text + "\n").encode())
 
 
 def _read_results(cases: list[Case], out: Path, time_limit: float | None) -> dict[str, dict]:
-    """Return the stored results by the key of the case; a late one only for no longer limit."""
+    """Return the stored results by the key of the case.
+
+    A result that was cut off at its time limit counts only if the limit of today, `time_limit`
+    [s], is not longer. None is no limit.
+    """
     results = {}
     for case in cases:
         entry = _read_entry(_path(case, out))
@@ -289,13 +322,17 @@ def _read_results(cases: list[Case], out: Path, time_limit: float | None) -> dic
 
 
 def _read_entry(path: Path) -> dict | None:
-    """Return what `_write_result` wrote there, or None if it is not there or cannot be read."""
+    """Return the entry that `_write_result` wrote to the path.
+
+    Return None for a file that is missing, cannot be read, or has other content, as after an
+    interrupted copy: then the case runs again.
+    """
     try:
         entry = json.loads(path.read_text(encoding="utf-8"))
         limit = entry["time_limit"]
         result = entry["result"]
-        is_whole = isinstance(limit, int | float | None) and isinstance(result["cause"], str)
-        if is_whole and result["status"] in status.REPRODUCIBLE:
+        is_complete = isinstance(limit, int | float | None) and isinstance(result["cause"], str)
+        if is_complete and result["status"] in status.REPRODUCIBLE:
             return entry
         return None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):

@@ -114,17 +114,29 @@ class Level:
         return tables
 
 
-FIRST = Level()
+FIRST_LEVEL = Level()
 AS_IS = Level(sharper=None)  # with the solver of the problem
 
 
 def make_levels(
     refine: str, levels: int, ratio: float, space_order: float = 1.0, time_order: float = 1.0
 ) -> list[Level]:
-    """Return the levels, coarse to fine.
+    """Return the levels, coarse to fine; the first one divides nothing.
 
     With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
-    keep their share.
+    keep their share. Raises `InputError` for an unknown `refine`, for less than 3 or more than
+    10 levels, and for a ratio outside of 1.1 to 10.
+
+    Parameters
+    ----------
+    refine
+        "h", "dt" or "both".
+    levels
+        Number of levels.
+    ratio
+        h (with "dt": dt) of a level over h of the next finer one.
+    space_order, time_order
+        Theoretical orders p and q.
     """
     if refine not in REFINED:
         what = f"refine = {refine!r}"

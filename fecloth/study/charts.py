@@ -102,32 +102,37 @@ def chart(
     study = open_study(problem, shared)
     validation.whole("meshes", meshes, 1, "chart", most=4)
     opened = study.problem
-    timed = replace(study.runs(LONGEST_CASE), timed=True)
-    runs = replace(timed, time_limit=None, timed=False)
-    run_problems.refuse_huge(opened, runs, Level(h=LIMIT_RATIO ** (levels - 1)))
-    warned = run_problems.print_warnings(opened)
-    chosen = opened.choose_quantity(quantity)
-    offered = opened.quantities if quantity is None else ()
-    if chosen.how == "mode":
-        raise InputError(f"{chosen}", "has no method and no step: take converge", "chart")
-    listed = make_settings(opened, methods, elements, models, meshes)
-    limit = find_limit(opened, chosen, levels, runs)
+    timed_runs = replace(study.runs(LONGEST_CASE), timed=True)  # for the settings
+    runs = replace(timed_runs, time_limit=None, timed=False)  # for the limit
+    finest_level = Level(h=LIMIT_RATIO ** (levels - 1))
+    run_problems.refuse_huge(opened, runs, finest_level)
+    doubts = run_problems.print_warnings(opened)
+    chosen_quantity = opened.choose_quantity(quantity)
+    own_quantities = opened.quantities if quantity is None else ()
+    if chosen_quantity.how == "mode":
+        allowed = "has no method and no step: take converge"
+        raise InputError(f"{chosen_quantity}", allowed, "chart")
+    settings = make_settings(opened, methods, elements, models, meshes)
+    limit = find_limit(opened, chosen_quantity, levels, runs)
     if limit is None:
-        table = Table(tuple(_table_row(setting, None, chosen, None) for setting in listed))
+        lines = [_table_row(setting, None, chosen_quantity, None) for setting in settings]
+        table = Table(tuple(lines))
         verdict = "not known: the limit of this problem was not found; see `converge`"
-        return Chart(title=opened.name, verdict=verdict, table=table, doubts=warned)
+        return Chart(title=opened.name, verdict=verdict, table=table, doubts=doubts)
     lines = []
-    for setting, row in zip(listed, _run(listed, chosen, timed), strict=True):
-        lines.append(_table_row(setting, row, chosen, limit))
-    on_front = find_front(lines)
-    table = Table(tuple({**line, "on front": i in on_front} for i, line in enumerate(lines)))
+    for setting, row in zip(settings, _run(settings, chosen_quantity, timed_runs), strict=True):
+        lines.append(_table_row(setting, row, chosen_quantity, limit))
+    numbers_on_front = find_front(lines)
+    lines = [{**line, "on front": i in numbers_on_front} for i, line in enumerate(lines)]
+    table = Table(tuple(lines))
+    other_names = [other.text for other in own_quantities if other.text != chosen_quantity.text]
     return Chart(
         title=opened.name,
-        doubts=warned,
+        doubts=doubts,
         verdict=describe_chart(table, limit.study),
         table=table,
-        quantity=chosen.text,
-        others=tuple(other.text for other in offered if other.text != chosen.text),
+        quantity=chosen_quantity.text,
+        others=tuple(other_names),
         limit=limit.study,
         size=limit.size,
     )
@@ -136,11 +141,14 @@ def chart(
 def find_limit(
     opened: Problem, quantity: Quantity, levels: int, runs: run_problems.Runs
 ) -> Limit | None:
-    """Refine the problem in h and dt; None if the limit is not found.
+    """Refine the problem in all of h and dt that it has, and return the limit of the quantity.
 
-    It is refined with a method of second order, which has the same limit as any other.
+    The problem is refined with a method of second order, which has the same limit as any other.
+    Return None if the levels give no estimate of the limit. Raise `InputError` if there is
+    neither h nor dt to refine.
     """
     problem = _change_for_limit(opened)
+    # explicit methods take their stable step, which falls with h: "both" refines it, too
     has_stable_steps = isinstance(problem, SceneProblem) and problem.is_explicit
     has_steps = problem.can_refine("dt") or has_stable_steps
     if not problem.can_refine("h"):
@@ -157,7 +165,12 @@ def find_limit(
 
 
 def _change_for_limit(opened: Problem) -> Problem:
-    """Return the problem with fixed steps of second order, or as it is."""
+    """Return the problem with fixed steps of a method of second order.
+
+    A problem that cannot change its method, or needs no other, is returned as it is: a
+    function, an equilibrium, an explicit method with its stable step, and fixed steps of second
+    order.
+    """
     if not isinstance(opened, SceneProblem) or opened.is_static:
         return opened
     time = opened.scene.time
@@ -166,31 +179,50 @@ def _change_for_limit(opened: Problem) -> Problem:
     if time.dt != "auto" and opened.first.steps.traits.order >= 2:
         return opened
     dt = time.dt
-    if dt == "auto":
+    if dt == "auto":  # the error chooses the steps, which cannot be halved from level to level
         dt = (time.t_end - time.t_start) / STEPS_OF_LIMIT
     names = {"method": "bdf2", "element": opened.scene.cloth.element, "model": "", "dt": dt}
     return opened.changed(change_names(opened, names))
 
 
-def _run(listed: Sequence[Setting], quantity: Quantity, runs: run_problems.Runs) -> list[Mapping]:
-    """Return a row for each setting; refused and too long ones do not run."""
+def _run(
+    settings: Sequence[Setting], quantity: Quantity, runs: run_problems.Runs
+) -> list[Mapping[str, Any]]:
+    """Return a row for each setting.
+
+    A setting that was refused, or whose predicted time is above the time limit, does not run:
+    its row has the reason.
+    """
 
     def skip_long(setting: Setting) -> Setting:
-        if isinstance(setting, dict) or setting.size.seconds <= (runs.time_limit or math.inf):
+        if isinstance(setting, dict):  # it was refused, and is a row already
+            return setting
+        if setting.size.seconds <= (runs.time_limit or math.inf):
             return setting
         cause = f"predicted: about {in_words(setting.size.seconds)}"
         return {"status": "skipped", "cause": cause}
 
-    items = [skip_long(setting) for setting in listed]
-    if points := [item for item in items if isinstance(item, run_problems.Point)]:
+    points_or_rows = [skip_long(setting) for setting in settings]
+    if points := [item for item in points_or_rows if isinstance(item, run_problems.Point)]:
         run_problems.check_points(points, runs)
-    return run_problems.run_or_skip(items, [quantity], runs)
+    return run_problems.run_or_skip(points_or_rows, [quantity], runs)
 
 
 def _table_row(
     setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limit | None
 ) -> dict:
-    """Return the setting, its cost and its error; without a limit its status is "not run"."""
+    """Return the row of a setting in the table: its names, its cost and its error.
+
+    Parameters
+    ----------
+    setting
+        What ran, or the cells of what was refused.
+    row
+        The row of the run; None if nothing ran.
+    limit
+        The limit to which the error is the distance; None if it was not found. Then the status
+        is "not run".
+    """
     line: dict[str, Any] = dict(setting if isinstance(setting, dict) else setting.cells)
     if row is None or limit is None:
         return line | failure("not run", "")

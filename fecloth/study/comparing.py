@@ -80,39 +80,45 @@ def compare(
     """
     study = open_study(problem, shared)
     runs = study.runs()
-    first, listed = _open_variants(study.problems, variants)
-    opened, refused = split_refused(listed)
+    shared_problem, variants_by_name = _open_variants(study.problems, variants)
+    opened, refused = split_refused(variants_by_name)
     for variant in opened.values():
         run_problems.refuse_huge(variant, runs)
-    warned = run_problems.print_warnings(first)
-    chosen = first.choose_quantity(quantity)
+    doubts = run_problems.print_warnings(shared_problem)
+    chosen_quantity = shared_problem.choose_quantity(quantity)
 
-    def plan(variant: Problem) -> list[Level]:
+    def plan_levels(variant: Problem) -> list[Level]:
+        """Return the levels; raise `InputError` if the variant lacks an h or the quantity."""
         variant.check(refine)
-        variant.check_quantity(chosen)
-        return levels_to_run(variant, chosen, refine, levels, ratio)
+        variant.check_quantity(chosen_quantity)
+        return levels_to_run(variant, chosen_quantity, refine, levels, ratio)
 
-    planned = make_or_refuse(plan, opened.values())
-    plans, refused_plans = split_refused(dict(zip(opened, planned, strict=True)))
-    refused |= refused_plans
-    if len(plans) < 2:
+    planned_levels = make_or_refuse(plan_levels, opened.values())
+    levels_of, refused_levels = split_refused(dict(zip(opened, planned_levels, strict=True)))
+    refused |= refused_levels
+    if len(levels_of) < 2:
         causes = "; ".join(row["cause"] for row in refused.values())
-        raise InputError(f"{len(plans)} variant", "must be at least 2", "compare", causes)
-    rows = _run(opened, plans, chosen, runs)
-    judged = {name: _judge(rows[name], chosen, refine, levels) for name in plans}
-    studied = {name: (judged | refused)[name] for name in listed}
-    return replace(_conclude(opened, studied, chosen, refine), doubts=warned)
+        raise InputError(f"{len(levels_of)} variant", "must be at least 2", "compare", causes)
+    rows = _run(opened, levels_of, chosen_quantity, runs)
+    results: dict[str, Convergence | dict] = dict(refused)
+    for name in levels_of:
+        results[name] = _judge(rows[name], chosen_quantity, refine, levels)
+    # in the order of the variants, so that refused ones are not at the begin of the table
+    results = {name: results[name] for name in variants_by_name}
+    return replace(_conclude(opened, results, chosen_quantity, refine), doubts=doubts)
 
 
 def _open_variants(
     problems: Sequence[Problem], variants: Over | None
 ) -> tuple[Problem, dict[str, Any]]:
-    """Return the problem that all share, and the variants by name.
+    """Return the problem whose quantities and warnings count for all, and the variants by name.
 
-    A variant that is refused has the row with the cause in its place.
+    The problem is the first of several, or the one of which the variants are made. A variant
+    that is refused has a row with the cause in its place. Raise `InputError` for several
+    problems with `variants`, or a single one without, and for less than two variants.
     """
     several = len(problems) > 1
-    if several == (variants is not None):
+    if several == (variants is not None):  # both are given, or neither
         allowed = "takes several problems, or one with variants"
         remedy = "Give variants, as in terms.0.type=StVK,Springs."
         raise InputError("compare", allowed, "", remedy)
@@ -120,42 +126,60 @@ def _open_variants(
         return problems[0], _name_variants([problem.name for problem in problems], problems)
     ranges = read_ranges(variants or ())
     combinations = combine(ranges)
-    first = with_first_values(problems[0], ranges)
-    opened = make_or_refuse(partial(vary, first), combinations)
-    return first, _name_variants([name_variant(values) for values in combinations], opened)
+    varied_problem = with_first_values(problems[0], ranges)
+    opened = make_or_refuse(partial(vary, varied_problem), combinations)
+    names = [name_variant(values) for values in combinations]
+    return varied_problem, _name_variants(names, opened)
 
 
 def _name_variants(names: Sequence[str], variants: Sequence[Any]) -> dict[str, Any]:
-    """Return the variants by name; a name that occurs again gets a number."""
+    """Return the variants by name; a name that occurs again gets a number.
+
+    Raise `InputError` for less than two variants, and for scenes beside functions.
+    """
     pairs = list(zip(names, variants, strict=True))
     if len(pairs) < 2:
         raise InputError(f"{len(pairs)} variant", "must be at least 2", "compare")
+    # a variant of type dict is a row of what was refused: neither scene nor function
     if len({type(variant) for _, variant in pairs} - {dict}) > 1:
         raise InputError("scenes beside functions", "must be of one kind", "compare")
     named: dict[str, Any] = {}
     for name, variant in pairs:
-        named[name if name not in named else f"{name} ({len(named) + 1})"] = variant
+        own_name = name
+        if name in named:
+            own_name = f"{name} ({len(named) + 1})"
+        named[own_name] = variant
     return named
 
 
 def _run(
-    opened: Mapping, plans: Mapping, quantity: Quantity, runs: run_problems.Runs
+    opened: Mapping, levels_of: Mapping, quantity: Quantity, runs: run_problems.Runs
 ) -> dict[str, list[dict]]:
-    """Return the rows of all levels by the name of the variant."""
+    """Run all levels of all variants; return the rows by the name of the variant.
+
+    `opened` are the variants by name, `levels_of` the levels of each that runs. All runs are in
+    one list, so that they run side by side.
+    """
     points = [
-        run_problems.Point(opened[name], level, f"{name}, {level}", opened[name].workload(level))
-        for name, levels in plans.items()
+        run_problems.Point(
+            opened[name], level, words=f"{name}, {level}", size=opened[name].workload(level)
+        )
+        for name, levels in levels_of.items()
         for level in levels
     ]
     run_problems.check_points(points, runs)
     rows = iter(run_problems.run_points(points, [quantity], runs))
-    return {name: [next(rows) for _ in levels] for name, levels in plans.items()}
+    return {name: [next(rows) for _ in levels] for name, levels in levels_of.items()}
 
 
 def _judge(
     rows: Sequence[dict], quantity: Quantity, refine: str, levels: int
 ) -> Convergence | dict:
-    """Return the result of the levels of one variant; if it failed, the cells of its row."""
+    """Return the convergence of one variant; if it failed, the cells of its row with the cause.
+
+    `rows` are first the rows of the `levels` refined levels, then those that show other errors.
+    A failure of the latter is no failure of the variant.
+    """
     problem = rows[0]["point"].problem
     failed = next((row for row in rows[:levels] if row["status"] != OK), None)
     if failed:
@@ -169,20 +193,26 @@ def _judge(
 def _conclude(
     opened: Mapping, studied: Mapping[str, Convergence | dict], quantity: Quantity, refine: str
 ) -> Comparison:
-    """Return the comparison of the variants that ran with the first of them."""
+    """Return the comparison of the variants that ran with the first of them.
+
+    `opened` are the variants by name. `studied` has the convergence of each, or the cells of its
+    row if it was refused or failed.
+    """
     studies = {name: study for name, study in studied.items() if isinstance(study, Convergence)}
     scale = math.nan
-    numbers = True
+    are_numbers = True
     differences = {}
     if studies:
-        first, *others = studies.values()
-        scale = find_scale(first)
-        numbers = is_number(quantity, run_problems.record_at(first.levels[0], quantity))
-        for name, other in zip(list(studies)[1:], others, strict=True):
-            differences[name] = _difference(first, other, quantity, scale, numbers)
+        first_study, *other_studies = studies.values()
+        scale = find_scale(first_study)
+        record = run_problems.record_at(first_study.levels[0], quantity)
+        are_numbers = is_number(quantity, record)
+        for name, other_study in zip(list(studies)[1:], other_studies, strict=True):
+            difference = _difference(first_study, other_study, quantity, scale, are_numbers)
+            differences[name] = difference
     overlay, remarks = _make_overlay(list(studies.values())[:2], quantity)
     names = {variant.name for variant in opened.values()}
-    comparison = Comparison(
+    comparison = Comparison(  # without verdict and table, which are made from it below
         title=", ".join(sorted(names)),
         verdict="",
         table=Table(()),
@@ -195,7 +225,7 @@ def _conclude(
         overlay=overlay,
         remarks=remarks,
     )
-    lines = [describe_difference(comparison, name, numbers) for name in differences]
+    lines = [describe_difference(comparison, name, are_numbers) for name in differences]
     rows = []
     for name, variant in studied.items():
         rows.append({"variant": name, **_cells(comparison, name, variant)})
@@ -204,30 +234,44 @@ def _conclude(
 
 
 def _difference(
-    a: Convergence, b: Convergence, quantity: Quantity, scale: float, numbers: bool
+    a: Convergence, b: Convergence, quantity: Quantity, scale: float, are_numbers: bool
 ) -> Difference:
-    """Return the difference b − a, in per cent d = 100 (b/a − 1) of the scale, if there is one.
+    """Return the difference of the variant b from the first variant a.
 
-    Fields, paths and vectors have no limit: their difference is the one on the finest level. The
-    uncertainties of both variants are added, U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two
-    models on one mesh are not independent. But most of their errors is the same: the difference
-    of each pair of levels converges by itself, and its own uncertainty counts if it is smaller.
+    It is in per cent, d = 100 (b/a − 1), or, if the scale is NaN, b − a in the unit of the
+    quantity. Fields, paths and vectors have no limit: their difference is the one on the finest
+    level.
+
+    There are two estimates of its uncertainty, of which the smaller counts. The first is the
+    sum of the uncertainties of both variants, U_d = 100 (U_b + |b/a| U_a)/|a|, because errors
+    of two models on one mesh are not independent. The second takes the difference on each level
+    as a value that converges by itself: most of the errors of both variants is the same, and
+    drops out. It needs the same levels in both variants.
+
+    Parameters
+    ----------
+    a, b
+        The first variant, and the variant that is compared with it.
+    scale
+        The value that is 100 %, see `find_scale`.
+    are_numbers
+        Whether the quantity is a number, not a field, a path or a vector.
     """
     differences = [
         _subtract(quantity, scale, first, second)
         for first, second in zip(a.levels, b.levels, strict=True)
     ]
-    limit = differences[-1]
+    difference_of_limits = differences[-1]
     growth = 1.0
-    if numbers and math.isnan(scale):
-        limit = best_value(b) - best_value(a)
-    elif numbers:
+    if are_numbers and math.isnan(scale):
+        difference_of_limits = best_value(b) - best_value(a)
+    elif are_numbers:
         growth = abs(best_value(b) / best_value(a))
-        limit = 100 * (best_value(b) / best_value(a) - 1)
+        difference_of_limits = 100 * (best_value(b) / best_value(a) - 1)
     factor = 1.0 if math.isnan(scale) else 100 / abs(scale)
     summed = Difference(
         as_given=differences[0],
-        limit=limit,
+        limit=difference_of_limits,
         uncertainty=factor * (b.uncertainty + growth * a.uncertainty),
     )
     if not _have_same_levels(a, b):
@@ -260,7 +304,19 @@ def _refine_difference(
     scale: float,
     differences: Sequence[float],
 ) -> Difference | None:
-    """Return the difference as its values on the levels converge; None where they diverge."""
+    """Return the limit of the differences on the levels, and its uncertainty.
+
+    The shares of what was not refined are added to the uncertainty: how much the difference
+    changes in the runs with, for instance, a smaller step. Return None if the differences
+    diverge.
+
+    Parameters
+    ----------
+    a, b
+        The first variant, and the variant that is compared with it, on the same levels.
+    differences
+        The difference on each level, coarse to fine, in % of the scale or in the unit.
+    """
     estimate = estimate_uncertainty(_sizes_of_levels(a).tolist(), differences, a.theory)
     if estimate.behaviour == "diverging":
         return None
@@ -275,45 +331,59 @@ def _refine_difference(
 
 
 def _subtract(quantity: Quantity, scale: float, row: Mapping, other: Mapping) -> float:
-    """Return the difference of two runs, in % of the scale or in the unit of the quantity."""
-    a = run_problems.record_at(row, quantity)
-    b = run_problems.record_at(other, quantity)
-    if not is_number(quantity, a):
-        return difference_of(quantity, a, b) * (1.0 if math.isnan(scale) else 100 / abs(scale))
-    first = value_of(quantity, a)
-    second = value_of(quantity, b)
+    """Return the difference of the run `other` from the run `row`, by their rows.
+
+    It is in % or, if the scale is NaN, in the unit of the quantity. Of a number it has a sign,
+    and 100 % is the value of `row` on its level. Of a field, path or vector it is a size, and
+    100 % is the scale.
+    """
+    record = run_problems.record_at(row, quantity)
+    other_record = run_problems.record_at(other, quantity)
+    if not is_number(quantity, record):
+        size = difference_of(quantity, record, other_record)
+        return size * (1.0 if math.isnan(scale) else 100 / abs(scale))
+    value = value_of(quantity, record)
+    other_value = value_of(quantity, other_record)
     if math.isnan(scale):
-        return second - first
-    return 100 * (second / first - 1)
+        return other_value - value
+    return 100 * (other_value / value - 1)
 
 
 def _cells(comparison: Comparison, name: str, variant: Convergence | dict) -> dict:
-    """Return the cells of a row after its name: the variant as given, and its limit."""
-    if isinstance(variant, dict):
+    """Return the cells of a variant in the table, without its name.
+
+    They are the value and error on the first level, which has the given mesh and step; the
+    limit; and the difference from the first variant, None in the row of the first one.
+    """
+    if isinstance(variant, dict):  # it was refused or failed: these are its cells
         return variant
-    given = variant.table[0]
+    first_level = variant.table[0]
     unit = comparison.unit if math.isnan(comparison.scale) else "%"
     difference = comparison.differences.get(name)
     bracket = f" [{unit}]" if unit else ""
     return {
         "status": OK,
-        "value": given["value"],
-        "error": given["error"],
+        "value": first_level["value"],
+        "error": first_level["error"],
         "limit": best_value(variant),
         "uncertainty": variant.uncertainty,
         f"difference as given{bracket}": difference.as_given if difference else None,
         f"difference of limits{bracket}": difference.limit if difference else None,
         f"±{bracket}": difference.uncertainty if difference else None,
         "order": variant.order,
-        "triangles": given["triangles"],
-        "cpu_seconds": given["cpu_seconds"],
+        "triangles": first_level["triangles"],
+        "cpu_seconds": first_level["cpu_seconds"],
     }
 
 
 def _make_overlay(
     studies: Sequence[Convergence], quantity: Quantity
 ) -> tuple[Overlay | None, tuple]:
-    """Return the ends of two variants as given, or none and a remark that says why."""
+    """Return the ends of two variants as given on one mesh, and remarks.
+
+    Return None in place of them for less than two variants, for natural frequencies, and if a
+    node of the first is not on the cloth of the second; then a remark says so.
+    """
     if len(studies) < 2 or quantity.how == "mode":
         return None, ()
     first, second = (run_problems.end_of(study.levels[0]) for study in studies)

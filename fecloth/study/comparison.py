@@ -102,24 +102,27 @@ class Comparison(StudyResult):
         return words
 
     def figure(self):
-        """Return the values over h or dt, each with the band of its limit."""
-        _, size, unit, _ = REFINED[self.refine]
+        """Return the values over h or dt, each with the band of its limit and its uncertainty.
+
+        A dotted line joins the value of the finest level with the limit at h = 0.
+        """
+        _, size_name, unit, _ = REFINED[self.refine]
         drawing, ax = new_figure(size=(8.0, 5.0))
         drawing.suptitle(f"{self.title}: {self.quantity}")
         ends = []
         for i, (name, study) in enumerate(self.studies.items()):
-            h = np.array(study.table[size], dtype=float)
+            sizes = np.array(study.table[size_name], dtype=float)
             values = np.array(study.table["value"], dtype=float)
             limit = best_value(study)
             style = line_style(i)
             low = limit - study.uncertainty
             high = limit + study.uncertainty
             ax.axhspan(low, high, color=style["color"], alpha=0.15, lw=0)
-            ax.plot([0, h[-1]], [limit, values[-1]], ":", color=style["color"])
-            ax.plot(h, values, **style)
-            ends.append((name, style["color"], h[0], values[0]))
+            ax.plot([0, sizes[-1]], [limit, values[-1]], ":", color=style["color"])
+            ax.plot(sizes, values, **style)
+            ends.append((name, style["color"], sizes[0], values[0]))
         label = f"{self.quantity} [{self.unit}]" if self.unit else self.quantity
-        ax.set(xlim=(0, None), xlabel=f"{size} [{unit}]", ylabel=label)
+        ax.set(xlim=(0, None), xlabel=f"{size_name} [{unit}]", ylabel=label)
         ax.ticklabel_format(useOffset=False)
         if ends:
             label_ends(ax, ends)
@@ -144,32 +147,43 @@ def find_scale(study: Convergence) -> float:
 
 
 def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> str:
-    """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK; the mesh is …"."""
+    """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK; the mesh is …".
+
+    Parameters
+    ----------
+    comparison
+        The comparison, whose `differences` has the variant.
+    name
+        The variant that is compared with the first one.
+    has_sign
+        Whether the difference may be below 0, as of a number; of a field it is a size.
+    """
     first = next(iter(comparison.studies))
     difference = comparison.differences[name]
     in_units = math.isnan(comparison.scale)
     unit = comparison.unit if in_units else "%"
     size = with_uncertainty(abs(difference.limit), difference.uncertainty, unit)
     if abs(difference.limit) <= difference.uncertainty:
-        text = f"{name} and {first} cannot be told apart: the difference is {size}"
+        sentence = f"{name} and {first} cannot be told apart: the difference is {size}"
     elif not has_sign:
-        text = f"{name} differs from {first} by {size}"
+        sentence = f"{name} differs from {first} by {size}"
     elif difference.limit < 0:
-        text = f"{name} is {size} {'lower' if in_units else 'smaller'} than {first}"
+        sentence = f"{name} is {size} {'lower' if in_units else 'smaller'} than {first}"
     else:
-        text = f"{name} is {size} {'higher' if in_units else 'larger'} than {first}"
-    errors = {key: _error_as_given(comparison, key) for key in (first, name)}
+        sentence = f"{name} is {size} {'higher' if in_units else 'larger'} than {first}"
+    errors_as_given = {key: _error_as_given(comparison, key) for key in (first, name)}
     error_words = []
-    for key, error in errors.items():
+    for key, error in errors_as_given.items():
         error_size = f"{error:.2g} {unit}".strip()
         error_words.append(f"{error_size} ({key})")
     as_given = f"{abs(difference.as_given):.2g} {unit}".strip()
-    refined, *_, where = REFINED[comparison.refine]
-    text = f"{comparison.quantity}: {text}, {as_given} {where}; {refined} off by "
-    text += " and ".join(error_words)
-    if difference.uncertainty < abs(difference.limit) < max(errors.values()):
-        text += ", which is more than the difference"
-    return text
+    what_is_refined, _, _, where = REFINED[comparison.refine]
+    sentence = f"{comparison.quantity}: {sentence}, {as_given} {where}; "
+    sentence += f"{what_is_refined} off by {' and '.join(error_words)}"
+    # the difference is real, but an error of the given mesh or step could hide it
+    if difference.uncertainty < abs(difference.limit) < max(errors_as_given.values()):
+        sentence += ", which is more than the difference"
+    return sentence
 
 
 def _error_as_given(comparison: Comparison, name: str) -> float:

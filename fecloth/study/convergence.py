@@ -89,6 +89,7 @@ class Convergence(StudyResult):
     def notes(self) -> list[str]:
         """Sentences on the extrapolated value, the parts of the error and what was noticed."""
         lines = []
+        # values that oscillate or diverge have no limit to extrapolate to
         irregular = self.estimate and self.estimate.behaviour in ("oscillating", "diverging")
         if self.estimate and math.isfinite(self.limit) and not irregular:
             procedure = self.estimate.procedure
@@ -102,36 +103,50 @@ class Convergence(StudyResult):
         return [*lines, *self.remarks]
 
     def figure(self):
-        """Return the errors of the levels with the theoretical slope, and the values."""
-        size = "dt" if self.refine == "dt" else "h"
+        """Return the errors of the levels with the theoretical slope, and beside it the values.
+
+        Both are over h or, if only the step was refined, over dt. Levels without a value are
+        left out. Of graded meshes the left panel shows the errors of uniform meshes, too.
+        """
+        size_name = "dt" if self.refine == "dt" else "h"
         with_value = [row for row in self.table if row.get("value") is not None]
         uniform = [row for row in with_value if row.get("mesh") == "uniform"]
+        # the rows of graded meshes, if there are some; else all
         rows = [row for row in with_value if row not in uniform]
-        h = np.array([row[size] for row in rows], dtype=float)
+        sizes = np.array([row[size_name] for row in rows], dtype=float)
         values = np.array([row["value"] for row in rows], dtype=float)
         drawing, (left, right) = new_figure(1, 2, size=(10.0, 4.4))
         drawing.suptitle(f"{self.title}: {self.quantity}")
         if uniform:
-            uniform_h = [row[size] for row in uniform]
+            uniform_h = [row[size_name] for row in uniform]
             uniform_errors = [row["error"] for row in uniform]
             left.loglog(uniform_h, uniform_errors, "s-", color="0.5", label="uniform meshes")
-        self._draw_errors(left, h, np.array([row["error"] for row in rows], dtype=float))
+        self._draw_errors(left, sizes, np.array([row["error"] for row in rows], dtype=float))
         right.errorbar(
-            h[-1:], values[-1:], yerr=[self.uncertainty], fmt="none", ecolor="0.3", capsize=5
+            sizes[-1:],
+            values[-1:],
+            yerr=[self.uncertainty],
+            fmt="none",
+            ecolor="0.3",
+            capsize=5,
         )
-        right.plot(h, values, "o-", color="#0072B2")
+        right.plot(sizes, values, "o-", color="#0072B2")
         if math.isfinite(self.limit) and self.estimate and self.estimate.behaviour == "monotone":
             right.axhline(self.limit, color="#D55E00", ls="--", label="extrapolated")
             right.legend()
-        unit = "s" if size == "dt" else "m"
-        right.set(xlim=(0, None), xlabel=f"{size} [{unit}]")
+        unit = "s" if size_name == "dt" else "m"
+        right.set(xlim=(0, None), xlabel=f"{size_name} [{unit}]")
         right.set_ylabel(_labelled("value", self.unit))
-        left.set(xlabel=f"{size} [{unit}]", ylabel=_labelled("estimated error", self.unit))
+        left.set(xlabel=f"{size_name} [{unit}]", ylabel=_labelled("estimated error", self.unit))
         right.ticklabel_format(useOffset=False)
         right.locator_params(axis="x", nbins=5)
         return drawing
 
     def _draw_errors(self, ax, h: np.ndarray, errors: np.ndarray) -> None:
+        """Draw the errors over h or dt, and a line with the slope of the theoretical order.
+
+        Errors of 0 have no place on logarithmic axes. If all are 0, the panel only says so.
+        """
         shown = errors > 0
         if not shown.any():
             ax.text(0.5, 0.5, "no error to show", ha="center", transform=ax.transAxes)
@@ -162,10 +177,13 @@ def judge(
 ) -> tuple[bool, str]:
     """Return whether values converge, and the verdict: a sentence that says so, or why not.
 
+    They converge if they are equal, or if the observed order is at least 75 % of the theory and
+    the fit shows more than scatter.
+
     Parameters
     ----------
     estimate
-        What `estimate_uncertainty` says of the values.
+        The estimate that `estimate_uncertainty` made from the values.
     h, values
         Size and value of each level, coarse to fine.
     obstacles
@@ -185,8 +203,9 @@ def judge(
         why = f" Possible reasons: {'; '.join(obstacles)}."
     if estimate.behaviour == "constant":
         return True, "converges: all levels give the same value to round-off"
-    spread = float(np.ptp(values[-3:]))
+    spread = float(np.ptp(values[-3:]))  # of the three finest levels
     is_irregular = estimate.behaviour != "monotone"
+    # differences that are small for an engineer, and have no clear order
     if spread <= SMALL_DIFFERENCE * size and (is_irregular or order < SLOWEST_ORDER):
         return False, f"no order to be seen within {in_percent(spread / size)}"
     if estimate.behaviour == "oscillating":
@@ -194,6 +213,7 @@ def judge(
     if estimate.behaviour == "diverging" or (order < SLOWEST_ORDER and obstacles):
         return False, f"does not converge: refinement does not reduce the changes.{why}"
     orders = f"observed order {order:.2f}, theory {theory:g}"
+    # with scatter ≥ data_range the fit shows scatter only, and the order says nothing
     if order >= (1 - ORDER_TOLERANCE) * theory and estimate.scatter < estimate.data_range:
         how = "as it should"
         if order > (1 + ORDER_TOLERANCE) * theory:
@@ -204,10 +224,18 @@ def judge(
 
 
 def _propose_levels(h: np.ndarray, values: np.ndarray, theory: float) -> str:
-    """Return how many levels more would be in the asymptotic range, from fine to coarse levels.
+    """Return in words how many more levels would bring the order into the asymptotic range.
 
     The order of three successive levels is expected to approach the theory by the same factor
-    from level to level, as it did last.
+    from level to level as it did last. So after k more levels its distance from the theory is
+    distance / factor^k.
+
+    Parameters
+    ----------
+    h, values
+        Size and value of each level, from the finest to the coarsest.
+    theory
+        The theoretical order.
     """
     local_orders = [observed_order(h[k : k + 3], values[k : k + 3]) for k in range(len(h) - 2)]
     if len(local_orders) < 2 or not np.isfinite(local_orders[:2]).all():
@@ -217,10 +245,10 @@ def _propose_levels(h: np.ndarray, values: np.ndarray, theory: float) -> str:
     if distance >= distance_before:
         return "the order does not approach the theory from level to level"
     wanted_distance = ORDER_TOLERANCE * theory
-    more = 1
+    more_levels = 1
     if distance > wanted_distance:
         factor = distance_before / distance
-        more = math.ceil(math.log(distance / wanted_distance) / math.log(factor))
-    if more > MOST_PROPOSED_LEVELS:
+        more_levels = math.ceil(math.log(distance / wanted_distance) / math.log(factor))
+    if more_levels > MOST_PROPOSED_LEVELS:
         return "the order hardly approaches the theory from level to level"
-    return f"about {more} more, to {h[0] * (h[0] / h[1]) ** more:.3g}, would be"
+    return f"about {more_levels} more, to {h[0] * (h[0] / h[1]) ** more_levels:.3g}, would be"

@@ -72,13 +72,13 @@ def converge(
     runs = study.runs()
     opened.check(refine)
     refuse_huge(opened, runs)
-    warned = print_warnings(opened)
-    chosen = opened.choose_quantity(quantity)
+    doubts = print_warnings(opened)
+    chosen_quantity = opened.choose_quantity(quantity)
     if grade:
-        answer = refine_graded(opened, chosen, refine, levels, ratio, runs)
+        convergence = refine_graded(opened, chosen_quantity, refine, levels, ratio, runs)
     else:
-        answer = refine_problem(opened, chosen, refine, levels, ratio, runs)
-    return replace(answer, doubts=warned)
+        convergence = refine_problem(opened, chosen_quantity, refine, levels, ratio, runs)
+    return replace(convergence, doubts=doubts)
 
 
 NO_GRADING = (
@@ -98,14 +98,19 @@ def refine_graded(
     Both have the same h. All errors are distances to the limit of the graded meshes. Fields,
     paths and vectors have no limit: there the error is the distance to the finest graded mesh,
     plus the error of that mesh.
+
+    Return the result on the graded meshes. Return the result on the uniform meshes if a run on
+    them failed, or if no grading saves enough triangles. Raise `InputError` for a problem whose
+    meshes cannot be graded.
     """
     _require_gradable(opened, refine)
-    runs = replace(runs, timed=True)
+    runs = replace(runs, timed=True)  # the verdict compares CPU seconds
     uniform = refine_problem(opened, quantity, refine, levels, ratio, runs)
     if any(row["status"] != OK for row in uniform.levels):
         return uniform
     assert opened.h is not None
-    gradings = choose_gradings(opened.first, end_of(uniform.levels[0])[1], opened.h)
+    _, end_state = end_of(uniform.levels[0])
+    gradings = choose_gradings(opened.first, end_state, opened.h)
     remarks = []
     if lone_pins := len(find_lone_pins(opened.first)):
         remarks.append(LONE_PINS.format(lone_pins))
@@ -129,9 +134,11 @@ def refine_graded(
 def _compare_meshes(
     quantity: Quantity, uniform: Convergence, graded: Convergence
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return the rows of uniform and of graded meshes, with errors to the same limit.
+    """Return the rows of the table: those of uniform meshes, and those of graded meshes.
 
-    The rows of graded meshes say how many uniform triangles have the same error.
+    The errors of both are distances to the limit of the graded meshes. A row of a graded mesh
+    says how many triangles a uniform mesh with the same error has, if its error is between the
+    errors of the uniform meshes.
     """
     errors = _errors_of_uniform(quantity, uniform, graded)
     uniform_rows: list[dict[str, Any]] = []
@@ -148,7 +155,11 @@ def _compare_meshes(
 
 
 def _require_gradable(opened: Problem, refine: str) -> None:
-    """Raise `InputError` for a problem whose meshes cannot be graded."""
+    """Raise `InputError` for a problem whose meshes cannot be graded.
+
+    That is a refinement of the step alone, an explicit method, terms without an estimate of the
+    error in space, and a problem that takes no gradings.
+    """
     what = "grade = True"
     where = opened.source
     if refine == "dt":
@@ -161,8 +172,8 @@ def _require_gradable(opened: Problem, refine: str) -> None:
     error = space_error(setup.system, setup.start)
     if np.isnan(error.density).all():  # its terms have no estimate, whatever the state
         raise InputError(what, f"needs the error in space: {error.reason}", where)
-    corner = float(setup.cloth.X[0, 0]), float(setup.cloth.X[0, 1])
-    trial = Grading(point=corner, distance=setup.cloth.extent)
+    any_node = float(setup.cloth.X[0, 0]), float(setup.cloth.X[0, 1])
+    trial = Grading(point=any_node, distance=setup.cloth.extent)
     _ = opened.graded([trial]).first  # a problem that takes no gradings refuses this one
 
 
@@ -179,19 +190,27 @@ def _errors_of_uniform(
 
 
 def _cost_of(error: float, rows: Sequence[Mapping], key: str) -> float:
-    """Return the triangles or seconds (`key`) of an error, interpolated; NaN beyond the rows."""
-    known = sorted((row["error"], row[key]) for row in rows if row["error"] > 0 and row[key])
-    if not (known and known[0][0] <= error <= known[-1][0]):
+    """Return how many triangles or seconds (`key`) a mesh with this error has.
+
+    It is interpolated between the rows of a kind of meshes, linearly in the logarithms; NaN for
+    an error that is outside of the errors of the rows.
+    """
+    points = sorted((row["error"], row[key]) for row in rows if row["error"] > 0 and row[key])
+    if not (points and points[0][0] <= error <= points[-1][0]):
         return math.nan
-    errors, costs = np.log(known).T
+    errors, costs = np.log(points).T
     return float(np.exp(np.interp(math.log(error), errors, costs)))
 
 
 def _describe_saving(graded: Sequence[Mapping], uniform: Sequence[Mapping], unit: str) -> str:
-    """Return what the least error that both kinds of meshes reach costs on each."""
+    """Return a sentence on the cost of the same error on graded and on uniform meshes.
+
+    The error is the least one that both kinds of meshes reach, in `unit`. The arguments
+    `graded` and `uniform` are the rows of both.
+    """
     least_graded = min(row["error"] for row in graded)
     least_uniform = min(row["error"] for row in uniform)
-    error = max(least_graded, least_uniform)
+    error = max(least_graded, least_uniform)  # the kind with the larger one reaches no smaller
     at_most = ""
     graded_error = error
     if error > graded[0]["error"]:  # the coarsest graded mesh is better already

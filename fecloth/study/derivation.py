@@ -74,7 +74,7 @@ class Follower:
         The setup that runs.
     recorded
         Which rows are derived.
-    both
+    setups_by_size
         The setups at p + size and p − size, by the size.
     start
         Derivatives of the start.
@@ -90,24 +90,25 @@ class Follower:
     setup_at: Callable[[float], Setup]
     base: Setup
     recorded: Recorded
-    both: dict[float, list[Setup]] = field(default_factory=dict)
+    setups_by_size: dict[float, list[Setup]] = field(default_factory=dict)
     start: Along = field(init=False)
     along: Along = field(init=False)
     rows: list[Row] = field(default_factory=list)
     flows: Any = None
 
     def __post_init__(self) -> None:
-        plus, minus = self._setups_at(LARGEST_CHANGE)
+        """Derive the start, its ledger and its row, by central differences."""
+        larger, smaller = self._setups_at(LARGEST_CHANGE)
         width = 2 * LARGEST_CHANGE
-        no_step = (None, None)
+        no_memories = (None, None)  # a method remembers nothing before its first step
         histories = (
-            plus.system.start_history(plus.start),
-            minus.system.start_history(minus.start),
+            larger.system.start_history(larger.start),
+            smaller.system.start_history(smaller.start),
         )
-        self.start = Along.between(plus.start, minus.start, width, no_step, histories)
+        self.start = Along.between(larger.start, smaller.start, width, no_memories, histories)
         self.along = self.start
-        self.flows = records.slope(plus.ledger, minus.ledger, width)
-        self._add_row(plus.row(), minus.row(), LARGEST_CHANGE)
+        self.flows = records.slope(larger.ledger, smaller.ledger, width)
+        self._add_row(larger.row(), smaller.row(), LARGEST_CHANGE)
 
     @cached_property
     def slopes(self) -> dict[str, np.ndarray]:
@@ -115,27 +116,30 @@ class Follower:
         return columns(self.rows)
 
     def size(self, dt: float) -> float:
-        """Return ε, a power of ten by which nodes move little, but more than by round-off.
+        """Return ε, the change of the parameter for central differences, over its width.
 
-        `dt` is the size of the step [s], over which velocities count, too.
+        It is a power of ten by which nodes move little, but more than by round-off, so that the
+        setups of a few changes serve all steps. `dt` is the size of the step [s], over which
+        velocities count, too.
         """
-        wanted = LARGEST_CHANGE
-        if moved := self.along.longest(dt):
-            wanted = MOVED_NODES * shortest_length(self.base) / moved
-        size = min(max(wanted, LEAST_CHANGE), LARGEST_CHANGE)
-        return float(10.0 ** math.floor(math.log10(size) + 1e-9))
+        wanted_size = LARGEST_CHANGE
+        if moved := self.along.longest(dt):  # for a change of p by its width [m]
+            wanted_size = MOVED_NODES * shortest_length(self.base) / moved
+        size = min(max(wanted_size, LEAST_CHANGE), LARGEST_CHANGE)
+        return float(10.0 ** math.floor(math.log10(size) + 1e-9))  # 1e-9 against round-off
 
     def sides(self, size: float = LARGEST_CHANGE) -> Sides:
         """Return the systems at p + size and p − size."""
-        plus, minus = self._setups_at(size)
-        return Sides(plus.system, minus.system, size)
+        larger, smaller = self._setups_at(size)
+        return Sides(larger.system, smaller.system, size)
 
     def _setups_at(self, size: float) -> list[Setup]:
         """Return the setups at p + size and p − size, which are made once."""
-        if size not in self.both:
+        if size not in self.setups_by_size:
             values = self.parameter.at(size), self.parameter.at(-size)
-            self.both[size] = [self.setup_at(value).probed_as(self.base) for value in values]
-        return self.both[size]
+            setups = [self.setup_at(value).probed_as(self.base) for value in values]
+            self.setups_by_size[size] = setups
+        return self.setups_by_size[size]
 
     def follow(
         self,
@@ -145,7 +149,7 @@ class Follower:
         method: Any,
         is_last: bool,
     ) -> None:
-        """Go on to the end of a step.
+        """Derive a step of the run: the state at its end and, if it is recorded, its row.
 
         Parameters
         ----------
@@ -168,16 +172,21 @@ class Follower:
         self.along = derived.end
 
     def _record(self, info, derived: DerivedStep, sides: Sides, ledger: Ledger, method) -> None:
-        """Add the derivatives of the row at the end of a step."""
+        """Add the derivatives of the row at the end of a step, and derive the ledger there.
+
+        Both are central differences between the steps at p + ε and p − ε, which `derived` has.
+        The arguments `info`, `ledger` and `method` are those of `follow`; `sides` are the
+        systems at p ± ε.
+        """
         rows = []
         ledgers = []
-        both = zip(self._setups_at(sides.size), sides.signed, derived.steps, strict=True)
-        for setup, (system, size), step in both:
-            old = self.along.shift(info.old, size)
+        both_sides = zip(self._setups_at(sides.size), sides.signed, derived.steps, strict=True)
+        for setup, (system, signed_size), step in both_sides:
+            old = self.along.shift(info.old, signed_size)
             if self.recorded.flows:
-                before = records.shift(ledger, self.flows, size)
-                ledgers.append(before.after(system, method, old, step))
-            else:
+                ledger_before = records.shift(ledger, self.flows, signed_size)
+                ledgers.append(ledger_before.after(system, method, old, step))
+            else:  # only energies are among the columns: a ledger that begins here has them
                 at_end = system.with_history(step.history)
                 ledgers.append(Ledger.open(at_end, step.state))
             rows.append(ledgers[-1].row() | setup.observer.row(old, step))
@@ -185,13 +194,18 @@ class Follower:
         self._add_row(rows[0], rows[1], sides.size)
 
     def record_rest(self, states: Sequence[State], sides: Sides) -> None:
-        """Add the derivatives of the row of an equilibrium."""
-        plus, minus = self._setups_at(sides.size)
-        self._add_row(plus.row(states[0]), minus.row(states[1]), sides.size)
+        """Add the derivatives of the row of an equilibrium.
 
-    def _add_row(self, plus: Row, minus: Row, size: float) -> None:
+        `states` are the equilibria at p + ε and p − ε, `sides` the systems there.
+        """
+        larger, smaller = self._setups_at(sides.size)
+        self._add_row(larger.row(states[0]), smaller.row(states[1]), sides.size)
+
+    def _add_row(self, larger_row: Row, smaller_row: Row, size: float) -> None:
         """Add the derivatives from the rows at p + size and p − size."""
-        self.rows.append({name: (plus[name] - minus[name]) / (2 * size) for name in plus})
+        self.rows.append(
+            {name: (larger_row[name] - smaller_row[name]) / (2 * size) for name in larger_row}
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +257,10 @@ def derive_run(
     tolerance: float,
     report: Callable[..., None] = lambda *_: None,
 ) -> Derivation:
-    """Run a setup, and follow the derivatives by the parameters.
+    """Run a setup, and find the derivatives of what it records by each parameter.
+
+    A setup without `t_end` is run to its equilibrium. With `recorded.only_start` nothing runs,
+    and only the start is derived.
 
     Parameters
     ----------
@@ -272,41 +289,57 @@ def _derive_motion(
     tolerance: float,
     report: Callable[..., None],
 ) -> Derivation:
-    """Run a setup over time or load steps, and derive each step when it is done."""
+    """Run a setup over time or load steps, and derive each step when it is done.
+
+    Parameters
+    ----------
+    followers
+        The derivatives by each parameter, at the start; they follow the run.
+    recorded
+        Which rows are derived; without `whole` only the first and the last one.
+    tolerance
+        Relative error of a derivative over a step.
+    report
+        Is called after each step.
+    """
     t_end = setup.t_end
     assert t_end is not None
     system = setup.system
-    chosen, solver = setup.choose()
-    steps = chosen.steps
+    # the setup with the steps that are taken, also of `Auto`; `solver` is the pair of the solver
+    # of the steps and the reason for it
+    simulation, solver = setup.choose()
+    steps = simulation.steps
     method = method_of(steps)
-    tangents = None
+    tangents = None  # explicit steps solve no equation, load steps have their own tangent
     if not (steps.traits.explicit or isinstance(steps, LoadSteps)):
         symmetric = has_symmetric_matrix(system, method)
         tangents = StepTangents(system, symmetric, solver[0], len(followers), tolerance)
     sizes = list[float]()
 
     def watch(states) -> Iterator:
-        before = setup.ledger
+        """Pass on each state of the run when its step has been derived."""
+        ledger = setup.ledger  # at the begin of the step
         for state, info in states:
             sizes.append(info.size)
             loads = None
             if isinstance(steps, LoadSteps):
                 loads = DerivedLoads.of(system, info.old, info.result)
 
+            # info and loads are defaults, so that the function keeps those of its own step
             def derive(along: Along, sides: Sides, info=info, loads=loads) -> DerivedStep:
                 if loads:
                     return loads.derive(along, sides)
                 return derive_step(info.result, along, sides, tangents)
 
-            is_last = state.t >= t_end - 1e-12 * abs(t_end)
+            is_last = state.t >= t_end - 1e-12 * abs(t_end)  # times have round-off
             for follower in followers:
-                follower.follow(info, derive, before, method, is_last)
+                follower.follow(info, derive, ledger, method, is_last)
             if recorded.flows:
-                before = before.after(system, method, info.old, info.result)
+                ledger = ledger.after(system, method, info.old, info.result)
             report(info)
             yield state, info
 
-    result = chosen.run(solver, watch=watch)
+    result = simulation.run(solver, watch=watch)
     all_columns = {**result.energies, **result.observed}
     times = result.times
     if not recorded.whole:
@@ -334,32 +367,49 @@ def _make_increment(system: System, start: State) -> LoadIncrement:
     """Return all loads in one increment, as `equilibrium` takes them without load steps."""
     begin = State(start.t, start.x, np.zeros_like(start.x))
     history = system.start_history(begin)
-    return LoadIncrement(system, begin, 1.0, 1.0, start.t, start.t, history)
+    return LoadIncrement(
+        system=system,
+        start=begin,
+        load=1.0,
+        size=1.0,
+        begin=start.t,
+        end=start.t,
+        history=history,
+    )
 
 
-def _polish(state: Equilibrium, whole: LoadIncrement) -> tuple[Equilibrium, StaticTangent]:
-    """Return the equilibrium after two more Newton steps, and K where it was found."""
-    tangent = StaticTangent.at(SolvedIncrement(whole, state.x))
+def _polish(state: Equilibrium, all_loads: LoadIncrement) -> tuple[Equilibrium, StaticTangent]:
+    """Return the equilibrium after two more Newton steps, and K at the equilibrium before them.
+
+    `all_loads` is the increment of the loads that leads to the equilibrium.
+    """
+    tangent = StaticTangent.at(SolvedIncrement(all_loads, state.x))
     x = state.x
     for _ in range(POLISHING_STEPS):
-        x = x - tangent.solve(whole.equation(x).residual(x, 0.0)[0])
+        residual = all_loads.equation(x).residual(x, 0.0)[0]
+        x = x - tangent.solve(residual)
     return replace(state, x=x), tangent
 
 
 def _derive_rest(
     setup: Setup, followers: Sequence[Follower], tolerance: float, report: Callable[..., None]
 ) -> Derivation:
-    """Find the equilibrium of a setup, and derive it as a single load step."""
+    """Find the equilibrium of a setup, and derive it as a single load step.
+
+    Return the state with the rows at start and end; `followers` get the derivatives of both.
+    `tolerance` is the relative error of a derivative, `report` is called after each iteration.
+    """
     system = setup.system
     start = setup.start
-    whole = _make_increment(system, start)
-    state, tangent = _polish(equilibrium(system, start, report=report), whole)
-    solved = SolvedIncrement(whole, state.x)
+    all_loads = _make_increment(system, start)
+    state, tangent = _polish(equilibrium(system, start, report=report), all_loads)
+    solved = SolvedIncrement(all_loads, state.x)
     for follower in followers:
         sides = follower.sides()
         derived = derive_increment(solved, follower.start, sides, tangent, tolerance)
         follower.along = derived.end
-        # The error of a central difference goes with the square of how far nodes move.
+        # The relative error of a central difference goes with the square of how far nodes move.
+        # If they moved too far, derive again with a smaller change.
         moved = LARGEST_CHANGE * follower.along.longest() / shortest_length(setup)
         if moved**2 > tolerance:
             sides = follower.sides(follower.size(0.0))

@@ -69,17 +69,21 @@ class Sought:
     whole: bool = False
 
     def settings(self) -> list[object]:
-        """Return what `of_settings` takes, in JSON's types but for functions as quantities."""
+        """Return the fields as a list, from which `of_settings` makes this object again.
+
+        They are JSON values, so that the case can be stored and run in another process; only a
+        quantity that is a user's function stays a function.
+        """
         parameters = [[p.name, p.value, p.width] for p in self.parameters]
         quantities = [quantity.function or quantity.text for quantity in self.quantities]
         return [parameters, quantities, self.tolerance, self.whole]
 
     @classmethod
     def of_settings(cls, settings: Sequence[Any]) -> Self:
-        """Return what `settings` has returned there."""
-        listed, quantities, tolerance, whole = settings
+        """Return the object whose `settings` are these."""
+        parameters, quantities, tolerance, whole = settings
         return cls(
-            parameters=tuple(Parameter(name, value, width) for name, value, width in listed),
+            parameters=tuple(Parameter(name, value, width) for name, value, width in parameters),
             quantities=tuple(map(parse_quantity, quantities)),
             tolerance=tolerance,
             whole=whole,
@@ -90,29 +94,35 @@ def derive_case(problem: Problem, sought: Sequence[Any]) -> dict:
     """Run the problem with derivatives, as a case of a study.
 
     `sought` are the `settings` of a `Sought`. The row has the `values` of the quantities, their
-    `slopes` by each parameter over its width, and the steps of the run.
+    `slopes` by each parameter over its width, the steps of the run (`sizes`, `method`, `why`)
+    and its CPU seconds. Warnings of fecloth are dropped.
     """
     begin = time.process_time()
-    asked = Sought.of_settings(sought)
-    setup = _sharpen(problem.setup(), asked.tolerance * NEWTON_TOLERANCE)
+    sought_derivatives = Sought.of_settings(sought)
+    # what Newton's method leaves must be small against the error of the derivatives
+    setup = _sharpen(problem.setup(), sought_derivatives.tolerance * NEWTON_TOLERANCE)
 
     def setup_at(parameter: Parameter, value: float) -> Setup:
         return setup_with(problem, {parameter.name: value}, setup)
 
     with _quietly(setup):
-        answer = _derive(problem, setup, asked, setup_at)
-    return answer | {"cpu_seconds": time.process_time() - begin}
+        row = _derive(problem, setup, sought_derivatives, setup_at)
+    return row | {"cpu_seconds": time.process_time() - begin}
 
 
 SetupAt = Callable[[Parameter, float], Setup]
 
 
 def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
-    """Run the setup with derivatives, and return the row of `derive_case` without seconds."""
+    """Run the setup with derivatives, and return the row of `derive_case` without seconds.
+
+    `setup_at` makes the setup with another value of a parameter. Raise `InputError` for a
+    quantity that is no finite number.
+    """
     setup = setup.recording(quantity.column for quantity in sought.quantities)
     recorded = what_to_record(sought.quantities, setup)
     if sought.whole:
-        recorded = replace(recorded, whole=True, only_start=False)
+        recorded = replace(recorded, whole=True, only_start=False)  # the rows of each step
     derivation = derive_run(
         setup,
         sought.parameters,
@@ -125,6 +135,7 @@ def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -
     slopes = Slopes(setup, derivation, problem.probes, read)
     state = getattr(derivation.result, "state", setup.start)
     shapes = None
+    # `mode` is 0 for a quantity that is no natural frequency
     if count := max(quantity.mode for quantity in sought.quantities):
         shapes = modes(setup.system, state, count=count)
     row: dict[str, Any] = {"values": [], "slopes": []}
@@ -132,7 +143,9 @@ def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -
         if shapes and quantity.how == "mode":
             value: Any = shapes.frequencies[quantity.mode - 1]
             derivatives: list[Any] = [
-                slope_of_frequency(shapes, quantity.mode, state, follower.along, follower.sides())
+                slope_of_frequency(
+                    shapes, quantity.mode, state, end=follower.along, sides=follower.sides()
+                )
                 for follower in derivation.followers
             ]
         else:
@@ -164,6 +177,9 @@ def run_twin(
 ) -> dict:
     """Run the problem with all parameters changed, and with the steps of another run.
 
+    With the same steps the two runs differ by the parameters alone. Return the `values` of the
+    quantities, and the CPU seconds.
+
     Parameters
     ----------
     sought
@@ -174,22 +190,23 @@ def run_twin(
         The steps of the other run [s], and the name of its method; "" for the problem's own.
     """
     begin = time.process_time()
-    asked = Sought.of_settings(sought)
+    sought_derivatives = Sought.of_settings(sought)
     values_by_name = {
         parameter.name: parameter.at(change)
-        for parameter, change in zip(asked.parameters, changes, strict=True)
+        for parameter, change in zip(sought_derivatives.parameters, changes, strict=True)
     }
     setup = setup_with(problem, values_by_name, problem.setup())
     setup = _sharpen(setup, TWIN_TOLERANCE)
-    if sizes and not isinstance(setup.steps, LoadSteps):
-        chosen = _make_method(method) if method else method_of(setup.steps)
-        setup = replace(setup, steps=GivenSteps(chosen, tuple(sizes)))
-    quantities = asked.quantities
+    if sizes and not isinstance(setup.steps, LoadSteps):  # load steps are the same anyway
+        method_of_run = _make_method(method) if method else method_of(setup.steps)
+        setup = replace(setup, steps=GivenSteps(method_of_run, tuple(sizes)))
+    quantities = sought_derivatives.quantities
+    recorded = {name for quantity in quantities for name in columns_to_record(quantity)}
     row = measure(
         setup,
-        sorted({name for quantity in quantities for name in columns_to_record(quantity)}),
+        recorded=sorted(recorded),
         modes=max((quantity.mode for quantity in quantities), default=0),
-        function=next((q.function for q in quantities if q.function), None),
+        function=next((q.function for q in quantities if q.function), None),  # the only one
         rest=find_rest,
     )
     cloth = setup.cloth
@@ -221,7 +238,7 @@ def _quietly(setup: Setup) -> Iterator[None]:
         yield
 
 
-# --- slopes of quantities -----------------------------------------------------------------------
+# --- slopes of quantities ---------------------------------------------------------------------
 
 # How far the values of a run are moved for central differences, over the largest value: above
 # the square root of round-off, 1.5e-8, so that the differences keep digits.
@@ -232,13 +249,16 @@ FLOWS = ("dissipated", "work", "pins", "numerical", "remainder")
 
 
 def what_to_record(quantities: Sequence[Quantity], setup: Setup) -> Recorded:
-    """Return what a run records for the quantities: each step or both ends, and the ledger."""
-    functions = any(quantity.function for quantity in quantities)
+    """Return what a run records for the quantities: each step or both ends, and the ledger.
+
+    A user's function may read anything of the result, so it needs all rows and the ledger.
+    """
+    has_functions = any(quantity.function for quantity in quantities)
     flows = any(quantity.column.split(":")[0].split(".")[0] in FLOWS for quantity in quantities)
     whole = any(columns_to_record(quantity) for quantity in quantities)
-    start = quantities[0].how == "mode" and not setup.is_static  # frequencies about it
-    flows = flows or functions
-    return Recorded(whole=whole or flows, flows=flows, only_start=start)
+    only_start = quantities[0].how == "mode" and not setup.is_static  # frequencies about it
+    flows = flows or has_functions
+    return Recorded(whole=whole or flows, flows=flows, only_start=only_start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,25 +287,34 @@ class Slopes:
         return self._value_at(quantity, 0, 0.0)
 
     def slope(self, quantity: Quantity, number: int) -> Any:
-        """Return the derivative by the parameter of this number, from 0."""
+        """Return the derivative by the parameter of this number, which counts from 0.
+
+        It is a central difference between two linear changes of what the run recorded.
+        """
         size = self._find_size(quantity, number)
         if not size:
             return 0.0 * self.value(quantity)
-        plus = self._value_at(quantity, number, size)
-        minus = self._value_at(quantity, number, -size)
-        return (plus - minus) / (2 * size)
+        value_above = self._value_at(quantity, number, size)
+        value_below = self._value_at(quantity, number, -size)
+        return (value_above - value_below) / (2 * size)
 
     def _find_size(self, quantity: Quantity, number: int) -> float:
-        """Return the change of a parameter by which values move a little; 0 for none."""
+        """Return the change of parameter `number` for the central difference of a quantity.
+
+        It is in units of the width of the parameter: so small that neither the nodes nor a
+        column of the quantity change by more than `MOVED_VALUES` of their largest value. Return
+        0 if none of them depends on the parameter.
+        """
         start = self.setup.start.x
         follower = self.derivation.followers[number]
         values_and_slopes = [
-            (start, follower.along.x),
-            (start, self._derive_fields(number).x),
+            (start, follower.along.x),  # positions at the end
+            (start, self._derive_fields(number).x),  # displacement from the start to the end
         ]
-        kind = quantity.column.split(".")[0]
+        # columns with the same first word belong together, such as probe.x and probe.y
+        first_word = quantity.column.split(".")[0]
         for name, values in self.derivation.columns.items():
-            if kind and name.split(".")[0] == kind:
+            if first_word and name.split(".")[0] == first_word:
                 values_and_slopes.append((values, follower.slopes[name]))
         sizes = []
         for values, slopes in values_and_slopes:
@@ -293,7 +322,7 @@ class Slopes:
             slope = _find_largest(slopes)
             if slope > LEAST_SLOPE * value:
                 sizes.append(MOVED_VALUES * value / slope)
-        if quantity.function:  # of energies, too, which may change where nothing moves
+        if quantity.function:  # it may read energies, which may change where nothing moves
             sizes.append(LARGEST_CHANGE)
         return min(sizes, default=0.0)
 
@@ -303,12 +332,14 @@ class Slopes:
         return Along(follower.along.x - follower.start.x, follower.along.v)
 
     def _value_at(self, quantity: Quantity, number: int, size: float) -> Any:
-        """Return the quantity if a parameter changes by `size` of its width, to first order."""
+        """Return the quantity if parameter `number` changes by `size` of its width.
+
+        What the run recorded changes linearly, by its derivatives; nothing runs again.
+        """
         slopes = self.derivation.followers[number].slopes
         field_slopes = self._derive_fields(number)
-        columns = {
-            name: values + size * slopes[name] for name, values in self.derivation.columns.items()
-        }
+        recorded = self.derivation.columns
+        columns = {name: values + size * slopes[name] for name, values in recorded.items()}
         state = self.derivation.result.state
         fields = {
             "displacement": state.x - self.setup.start.x + size * field_slopes.x,
@@ -321,7 +352,11 @@ class Slopes:
         return self.read(quantity, record)
 
     def _result_at(self, number: int, size: float, columns: dict[str, np.ndarray]) -> Any:
-        """Return the result if a parameter changes, for a user's function of it."""
+        """Return the result if parameter `number` changes by `size` of its width.
+
+        It is what a user's function takes. `columns` are the changed columns of the run, `size`
+        times the derivatives is added to the state.
+        """
         result = self.derivation.result
         end = self.derivation.followers[number].along
         if isinstance(result, Equilibrium):
@@ -341,8 +376,9 @@ def slope_of_frequency(shapes: Modes, mode: int, state: State, end: Along, sides
     """Return df/dp of a natural frequency: 8 π² f df/dp = φ · (dK/dp − ω² dM/dp) φ.
 
     Here φ · M φ = 1, and no other mode has this frequency. dK and dM are differences between
-    p + ε and p − ε, with the states there; `end` has the derivatives of the state. Raises
-    `InputError` for an unstable mode, or a mode without stiffness.
+    p + ε and p − ε, with the states there. Raises `InputError` for an unstable mode, or a mode
+    without stiffness. The arguments are the modes, the number of the mode from 1, the state
+    about which it vibrates, the derivatives of this state (`end`), and the systems at p ± ε.
 
     Source: Fox and Kapoor (1968), Rates of Change of Eigenvalues and Eigenvectors, AIAA J. 6.
     """
@@ -352,14 +388,19 @@ def slope_of_frequency(shapes: Modes, mode: int, state: State, end: Along, sides
         what = f"frequency({mode}) = {f:.3g} Hz"
         raise InputError(what, "must be > 0 for a derivative", "sensitivity")
     phi = shapes.shapes[mode - 1]
-    plus, minus = (
-        _modal_product(system, end.shift(state, size), phi, omega2) for system, size in sides.signed
+    product_above, product_below = (
+        _modal_product(system, end.shift(state, change), phi, omega2)
+        for system, change in sides.signed
     )
-    return (plus - minus) / (2 * sides.size) / (8 * math.pi**2 * f)
+    return (product_above - product_below) / (2 * sides.size) / (8 * math.pi**2 * f)
 
 
 def _modal_product(system: System, state: State, phi: np.ndarray, omega2: float) -> float:
-    """Return φ · (K − ω² M) φ; the parts of K with low rank are added as c (u · φ)²."""
+    """Return φ · (K − ω² M) φ at a state.
+
+    K has three parts: the sparse matrix, the coupling of nodes that no triangle has in common,
+    if there is any, and products c u uᵀ of full vectors, which add c (u · φ)².
+    """
     K = system.assemble(BlockMatrix.zeros(system.pattern), state, wx=1.0)
     coupling = system.coupling(state, wx=1.0)
     if coupling is not None:

@@ -34,21 +34,24 @@ def new_figure(
 
 
 def use_plain_ticks(ax) -> None:
-    """Label a logarithmic axis of less than two decades with plain numbers, which fit."""
+    """Label each logarithmic axis of less than two decades with plain numbers, such as 0.3.
+
+    An axis of another kind, or a longer one, keeps its labels.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for axis in (ax.xaxis, ax.yaxis):
         low, high = axis.get_view_interval()
         if axis.get_scale() != "log" or high / low >= 100:
             continue
-        subs: list[float]
+        digits: list[float]  # of the labels, times powers of ten: fewer on a longer axis
         if high / low > 15:
-            subs = [1, 3]
+            digits = [1, 3]
         elif high / low > 3:
-            subs = [1, 2, 5]
+            digits = [1, 2, 5]
         else:
-            subs = [1, 1.5, 2, 2.5, 3, 4, 5, 7]
-        axis.set_major_locator(LogLocator(subs=subs))
+            digits = [1, 1.5, 2, 2.5, 3, 4, 5, 7]
+        axis.set_major_locator(LogLocator(subs=digits))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
 
@@ -60,7 +63,10 @@ def line_style(i: int) -> dict[str, object]:
 
 
 def mark_failures(ax, rows: Sequence[Mapping], x: str, colour: str = "black") -> None:
-    """Draw a cross with the status at the upper border for each row that failed."""
+    """Draw a cross with the status at the upper border for each row that failed.
+
+    `x` is the column that has the place of the cross; rows without it are left out.
+    """
     for row in rows:
         if row["status"] == "ok" or x not in row:
             continue
@@ -71,19 +77,21 @@ def mark_failures(ax, rows: Sequence[Mapping], x: str, colour: str = "black") ->
 
 
 def label_ends(ax, ends: Sequence[tuple]) -> None:
-    """Label lines in the right margin, apart from each other, each with a leader to its end.
+    """Label lines in the right margin, each with a thin line from the label to the line's end.
 
-    `ends` are the name, the colour, x and y of the end of each line.
+    Labels that would overlap are moved apart. `ends` are the name, the colour, x and y of the
+    end of each line.
     """
     to_axes = ax.transAxes.inverted().transform
+    # from the units of the data, over pixels, to parts of the height of the axes
     heights = [to_axes(ax.transData.transform((x, y)))[1] for _, _, x, y in ends]
     heights = spread(heights, LABEL_DISTANCE)
     for (name, colour, x, y), height in zip(ends, heights, strict=True):
         arrow = {"arrowstyle": "-", "color": colour, "lw": 0.7, "alpha": 0.6, "relpos": (0, 0.5)}
         ax.annotate(
             name,
-            (x, y),
-            (1.02, height),
+            xy=(x, y),
+            xytext=(1.02, height),
             textcoords="axes fraction",
             va="center",
             color=colour,
@@ -94,13 +102,16 @@ def label_ends(ax, ends: Sequence[tuple]) -> None:
 
 
 def spread(heights: Sequence[float], gap: float) -> list[float]:
-    """Return heights in [0, 1] near the given ones, in the same order, at least `gap` apart."""
+    """Return heights in [0, 1] near the given ones, in the same order, at least `gap` apart.
+
+    If too many do not fit, the lowest ones are below 0.
+    """
     order = np.argsort(heights, kind="stable")
     y = np.clip(np.array(heights, dtype=float)[order], 0.0, 1.0)
-    for i in range(1, len(y)):  # from below
+    for i in range(1, len(y)):  # from the lowest one up: push the next one up
         y[i] = max(y[i], y[i - 1] + gap)
     y[-1] = min(y[-1], 1.0)
-    for i in range(len(y) - 1, 0, -1):  # and from above
+    for i in range(len(y) - 1, 0, -1):  # and back, so that the highest one is at most 1
         y[i - 1] = min(y[i - 1], y[i] - gap)
     heights_apart = np.empty_like(y)
     heights_apart[order] = y

@@ -30,15 +30,16 @@ def module_of(file: Path) -> tuple[Path, str]:
 
 @cache
 def source_hash(file: str | Path) -> str:
-    """Return the hash of the package and of what a study's file imports and reads.
+    """Return the hash of all sources on which the results of a study's file depend.
 
     Contents count, paths do not: the hash covers the sources of fecloth, the file, the files it
     imports from the folder of its package, and the scenes in `scenes/` beside it or above it.
+    It is kept from the first call, so that later edits do not change it.
     """
     root, module = module_of(Path(file).resolve())
     package_names = module.split(".")[:-1]
     scenes: list[Path] = []
-    for k in range(len(package_names) + 1):
+    for k in range(len(package_names) + 1):  # from the folder of the package down to the file's
         folder = root.joinpath(*package_names[:k])
         scenes += (folder / "scenes").rglob("*.toml")
     fecloth_files = Path(fecloth.__file__).parent.rglob("*")
@@ -50,18 +51,21 @@ def source_hash(file: str | Path) -> str:
 
 
 def _imported_files(file: Path) -> set[Path]:
-    """Return the file and what it imports, directly or not, from the folder of its package."""
+    """Return the file and the files that it imports, directly or not.
+
+    Only files in the folder of its package count: other packages are not the user's sources.
+    """
     root, _ = module_of(file.resolve())
     files = set()
-    waiting = [file.resolve()]
-    while waiting:
-        source = waiting.pop()
-        if source in files or not source.exists():
+    files_to_read = [file.resolve()]
+    while files_to_read:
+        source = files_to_read.pop()
+        if source in files or not source.exists():  # or it is in another package
             continue
         files.add(source)
         for node in ast.walk(ast.parse(source.read_bytes())):
             for name in _imported_names(node):
-                waiting.append(root.joinpath(*name.split(".")).with_suffix(".py"))
+                files_to_read.append(root.joinpath(*name.split(".")).with_suffix(".py"))
     return files
 
 

@@ -93,7 +93,10 @@ class FunctionProblem(CommonProblem):
         return 2.0
 
     def workload(self, level: Level) -> Workload:
-        """Predict the size of a level from the first one."""
+        """Predict the size of a level from the first one, whose mesh is made for it.
+
+        The number of steps is a guess where an equilibrium or the method chooses it.
+        """
         triangles = len(self.first.cloth.triangles) * level.h**2
         if self.is_static:
             return Workload(triangles, LOAD_STEP, unit=ITERATIONS)
@@ -105,22 +108,26 @@ class FunctionProblem(CommonProblem):
         return Workload(triangles, steps, self.is_explicit)
 
     def check(self, refine: str) -> None:
-        """Raise `InputError` if it has no h or dt to refine."""
-        if refine not in REFINED:
+        """Raise `InputError` if there is no h or dt to refine, or a step of an equilibrium."""
+        if refine not in REFINED:  # `make_levels` refuses it
             return
-        needed = [refine]
+        needed_sizes = [refine]
         if refine == "both":
-            needed = ["h", "dt"]
-        for what in needed:
-            if not self.can_refine(what):
-                allowed = f"refine = {refine!r} needs the {what} of the first level"
-                raise InputError(f"{what} is missing", allowed, self.name, f"Give {what}=….")
+            needed_sizes = ["h", "dt"]
+        for size in needed_sizes:
+            if not self.can_refine(size):
+                allowed = f"refine = {refine!r} needs the {size} of the first level"
+                raise InputError(f"{size} is missing", allowed, self.name, f"Give {size}=….")
         if self.t_end is None and refine != "h":
             raise InputError("t_end is missing", "an equilibrium has no dt", self.name)
 
     @cached_property
     def tables(self) -> dict:
-        """What edits can change, in the form of a scene's tables."""
+        """What edits can change, in the form of a scene's tables.
+
+        An edit is written for scenes; so that it works here, too, the tables have element, h,
+        terms, dt and t_end, and otherwise what an edit may ask for.
+        """
         first = self.first
         cloth: dict = {"element": first.cloth.element}
         if self.h is not None:
@@ -134,14 +141,18 @@ class FunctionProblem(CommonProblem):
         return tables | {"time": {"dt": self.dt, "t_end": self.t_end, "method": "auto"}}
 
     def changed(self, change: Change) -> "FunctionProblem":
-        """Return the problem with a change: other arguments, or other terms, h and dt."""
+        """Return the problem with a change: other arguments, or other terms, h and dt.
+
+        Raise `InputError` for an argument that the function does not take.
+        """
         settings = dict(change.values)
         changed: dict[str, Any] = {}
         for size in ("h", "dt"):
             if size in settings:
                 changed[size] = settings.pop(size)
-        setups.accepted(self.function, settings)
+        setups.accepted(self.function, settings)  # raises for an argument it does not take
         if change.edits:
+            # the values are arguments of the function, not keys of the tables
             tables = replace(change, values={}).apply(self.tables)
             changed["h"] = tables["cloth"].get("h")
             changed["terms"] = tables["terms"]
@@ -150,11 +161,15 @@ class FunctionProblem(CommonProblem):
         return replace(self, settings={**self.settings, **settings}, **changed)
 
     def refined(self, level: Level) -> "FunctionProblem":
-        """Return a level of the problem; a refined dt divides the run into equal steps."""
+        """Return a level of the problem; a refined dt divides the run into equal steps.
+
+        The level divides h, dt and the tolerance of the solver; its edits change the terms.
+        """
         h = self.h and self.h / level.h
         dt = self.dt
         if dt is not None and self.t_end is not None:
-            dt = self.t_end / round(math.ceil(self.t_end / dt - 1e-9) * level.dt)
+            steps = math.ceil(self.t_end / dt - 1e-9)  # 1e-9 against round-off of the quotient
+            dt = self.t_end / round(steps * level.dt)
         finer = replace(self, h=h, dt=dt, sharper=level.sharper)
         if level.edits:
             return finer.changed(Change(edits=level.edits))
@@ -170,7 +185,11 @@ class FunctionProblem(CommonProblem):
         return self.changed(Change(values={"grading": tables}))
 
     def arguments(self) -> tuple[dict[str, object], float | None]:
-        """Return the arguments of the function, and dt, which divides the run equally."""
+        """Return the arguments of the function, and the step dt [s].
+
+        dt is reduced so that it divides the run into equal steps; it is None without fixed
+        steps. h and dt are also among the arguments, if there are any.
+        """
         settings = dict(self.settings)
         dt = self.dt
         if self.h is not None:
@@ -182,9 +201,9 @@ class FunctionProblem(CommonProblem):
         return settings, dt
 
     def setup(self, cloth: Cloth | None = None) -> setups.Setup:
-        """Call the function, and put other terms in place of its own, if there are any.
+        """Call the function and return its setup, with other terms if the problem has them.
 
-        `cloth` is not used: the function makes its own.
+        `cloth` is not used, because the function makes its own; scenes use it.
         """
         settings, dt = self.arguments()
         setup = setups.setup_of_function(
@@ -206,9 +225,14 @@ class FunctionProblem(CommonProblem):
         return are_named and _find_file(self.function) is not None
 
     def case(self) -> dict[str, object]:
-        """Return what `of_case` takes, in JSON's types: equal cases give equal runs."""
+        """Return all that determines a run, as JSON values.
+
+        It is the key of the stored results, and `of_case` makes the problem from it again. The
+        function is also put into `known_functions`.
+        """
         file = _find_file(self.function) or ""
         name = self.function.__name__
+        # so that `of_case` in this process need not import the file again
         known_functions[file, name] = self.function
         settings, dt = self.arguments()
         probes = []
@@ -231,7 +255,11 @@ class FunctionProblem(CommonProblem):
     def of_case(
         cls, path: str, name: str, digest: str, probes: list, settings: dict, **more: Any
     ) -> "FunctionProblem":
-        """Return the problem of a case; `digest` is of the function's file."""
+        """Return the problem of a case, as `case` has written it.
+
+        `digest` is not used here: it is in the case so that an edited file makes another case.
+        The function comes from this process or, if it is not known here, from its file.
+        """
         function = known_functions.get((path, name)) or load_function(path, name)
         placed = tuple(Probe(probe_name, where, point) for probe_name, where, point in probes)
         return cls(function, None, placed=placed, settings=settings, **more)
@@ -244,13 +272,18 @@ class FunctionProblem(CommonProblem):
 
 
 def _find_file(function: Callable) -> str | None:
-    """Return the file of a function at its top level; None for any other."""
+    """Return the path of the file that has the function at its top level.
+
+    Return None for any other function, such as a method, a lambda, or one that was typed into a
+    console: other processes cannot import it.
+    """
     name = getattr(function, "__qualname__", "<")
     try:
         file = inspect.getsourcefile(function)
-    except TypeError:
+    except TypeError:  # as for an object that can be called
         return None
-    at_top = "<" not in name and "." not in name
-    if at_top and file and Path(file).exists():
+    # "<" is in the name of a lambda or of a function in a function, "." in that of a method
+    is_at_top_level = "<" not in name and "." not in name
+    if is_at_top_level and file and Path(file).exists():
         return str(Path(file).resolve())
     return None

@@ -63,9 +63,13 @@ class _Prediction:
     h: float
     order: float
 
-    def count_triangles(self, chosen: Mapping[_Place, Grading]) -> float:
-        """Return N E^(1/p), which compares gradings: the same error with fewer triangles."""
-        factors = [grading.factors(place.distances, self.h) for place, grading in chosen.items()]
+    def count_triangles(self, gradings: Mapping[_Place, Grading]) -> float:
+        """Return N E^(1/p), in proportion to the number of triangles that have the same error.
+
+        Only ratios of it mean something, see `choose_gradings`.
+        """
+        pairs = gradings.items()
+        factors = [grading.factors(place.distances, self.h) for place, grading in pairs]
         s = np.min([np.ones(len(self.area)), *factors], axis=0)
         energy = np.sum(self.energy * (self.h * s / self.size) ** (2 * self.order))
         return float(np.sum(self.area / s**2) * energy ** (1 / self.order))
@@ -86,6 +90,9 @@ def choose_gradings(
     pinned curves. A node that is pinned alone is no such place: a membrane has no finite
     stiffness there, and with smaller triangles it only gives way further.
 
+    Return an empty tuple if all gradings together save too little. Raise `InputError` for terms
+    without an estimate of the error in space.
+
     Parameters
     ----------
     setup, state
@@ -102,7 +109,7 @@ def choose_gradings(
         remedy = "Leave grade out, or take other terms."
         raise InputError(what, f"needs the error in space: {error.reason}", "converge", remedy)
     area = cloth.weights.sum(axis=1)
-    order = 1.0
+    order = 1.0  # of stress; with bending also on P2
     if cloth.element == "P2" and not has_bending(setup):
         order = 2.0
     prediction = _Prediction(
@@ -112,41 +119,54 @@ def choose_gradings(
         h=h,
         order=order,
     )
-    distances = [share * cloth.extent for share in TRIED_DISTANCES if share * cloth.extent > 2 * h]
+    distances = [share * cloth.extent for share in TRIED_DISTANCES]
+    distances = [distance for distance in distances if distance > 2 * h]  # more than two edges
     points, curves = _find_places(setup)
-    chosen: dict[_Place, Grading] = {}
+    gradings: dict[_Place, Grading] = {}
     for places in (points, curves):
         settings = list(product(places, distances, TRIED_POWERS))
-        chosen = _add_greedily(chosen, settings, prediction)
-    without = prediction.count_triangles({})
-    if prediction.count_triangles(chosen) > (1 - least_saved) * without:
+        gradings = _add_greedily(gradings, settings, prediction)
+    ungraded = prediction.count_triangles({})
+    if prediction.count_triangles(gradings) > (1 - least_saved) * ungraded:
         return ()
-    return tuple(chosen.values())
+    return tuple(gradings.values())
 
 
 def _add_greedily(
-    chosen: dict[_Place, Grading], settings: list[tuple], prediction: _Prediction
+    gradings: dict[_Place, Grading], settings: list[tuple], prediction: _Prediction
 ) -> dict[_Place, Grading]:
-    """Return the gradings and those that save most; a place has one, which may be replaced.
+    """Return the gradings with further ones, each the one that saves most triangles then.
 
-    `settings` are pairs of place, distance and power to choose from.
+    A place has one grading at most: a further one for the same place replaces it. The search
+    ends when the best further grading saves less than `LEAST_SAVED` of the triangles.
+
+    Parameters
+    ----------
+    gradings
+        The gradings so far, by their places.
+    settings
+        Tuples of place, distance [m] and power to choose from.
     """
-    least = prediction.count_triangles(chosen)
+    least_triangles = prediction.count_triangles(gradings)
     while settings:
         candidates = [
-            chosen | {place: Grading(**place.arguments, distance=distance, power=power)}
+            gradings | {place: Grading(**place.arguments, distance=distance, power=power)}
             for place, distance, power in settings
         ]
-        best = min(candidates, key=prediction.count_triangles)
-        if prediction.count_triangles(best) > (1 - LEAST_SAVED) * least:
+        best_gradings = min(candidates, key=prediction.count_triangles)
+        if prediction.count_triangles(best_gradings) > (1 - LEAST_SAVED) * least_triangles:
             break
-        chosen = best
-        least = prediction.count_triangles(best)
-    return chosen
+        gradings = best_gradings
+        least_triangles = prediction.count_triangles(best_gradings)
+    return gradings
 
 
 def _find_places(setup: Setup) -> tuple[list[_Place], list[_Place]]:
-    """Return corners of the border and ends of pins on it, and curves that are pinned whole."""
+    """Return two lists of places: points, and curves.
+
+    The points are corners of the border and ends of pins on it, but no node that is pinned
+    alone. The curves are edge sets that are pinned as a whole.
+    """
     cloth = setup.cloth
     centres = cloth.X[cloth.triangles].mean(axis=1)
     edges, turning = border_of(cloth)
@@ -174,7 +194,10 @@ def find_lone_pins(setup: Setup) -> np.ndarray:
 
 
 def _find_ends_of_pins(setup: Setup, border: np.ndarray) -> np.ndarray:
-    """Return (n,) whether just one of the two edges of the border at a node is pinned."""
+    """Return (n,) whether just one of the two edges of the border at a node is pinned.
+
+    `border` are the edges (b, 2) of the border.
+    """
     is_pinned = np.isin(border, setup.system.constraints.nodes).all(axis=1)
     pinned_edges = np.bincount(border[is_pinned].ravel(), minlength=len(setup.cloth.X))
     return pinned_edges == 1

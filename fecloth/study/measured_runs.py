@@ -64,6 +64,12 @@ def measure(
 ) -> dict:
     """Run a setup, and return what quantities need of the run, as numbers and lists.
 
+    The row has the size of the mesh, the CPU seconds, the columns at both ends (`ends`) and the
+    recorded `columns` over the whole run with their `times`, the displacement and velocity at
+    the end, the frequencies and the value of the function if they are asked for, and what may
+    limit the convergence (`obstacles`). Warnings of fecloth are not shown: they are the
+    `doubts` of the row. Raise `TimeLimit` for a run of more than `most` CPU seconds.
+
     Parameters
     ----------
     recorded
@@ -89,7 +95,7 @@ def measure(
         solve: Solve = partial(_march, whole=bool(recorded or function))
         if setup.t_end is None:
             solve = partial(_solve, rest=rest)
-        elif modes and not setup.is_static:
+        elif modes and not setup.is_static:  # modes about the start, so that nothing runs
             solve = partial(_solve, rest=None)
         if timed:
             row, seconds = _run_timed(solve, setup, repeats, most)
@@ -100,10 +106,11 @@ def measure(
         end = row.pop("end")
         row["cpu_seconds"] = seconds
         row["ends"] = {key: [float(v[0]), float(v[-1])] for key, v in all_columns.items()}
-        wanted = {*recorded, *(f"{name}.{c}" for name in recorded for c in "xyz")}
+        # a vector, such as a probe, has the columns NAME.x, NAME.y and NAME.z
+        recorded_columns = {*recorded, *(f"{name}.{c}" for name in recorded for c in "xyz")}
         row["energies"] = setup.energies
-        row["columns"] = {k: v.tolist() for k, v in all_columns.items() if k in wanted}
-        if wanted:
+        row["columns"] = {k: v.tolist() for k, v in all_columns.items() if k in recorded_columns}
+        if recorded_columns:
             row["times"] = row["times"].tolist()
         else:
             row["times"] = [row["times"][0], row["times"][-1]]
@@ -121,7 +128,11 @@ def measure(
 
 
 def _run_once(solve: Solve, setup: Setup, most: float | None) -> tuple[dict, float]:
-    """Return what a run gives, and its CPU seconds; raise `TimeLimit` above `most` [s]."""
+    """Run a setup once, and return the part of its row from `solve`, and the CPU seconds.
+
+    Raise `TimeLimit` if the run takes more than `most` CPU seconds, or the case more than its
+    time limit; None is no limit.
+    """
     begin = time.process_time()
 
     def report(*_: object) -> None:
@@ -133,34 +144,50 @@ def _run_once(solve: Solve, setup: Setup, most: float | None) -> tuple[dict, flo
     return row, time.process_time() - begin
 
 
-def _run_timed(solve: Solve, setup: Setup, repeats: int, most: float | None) -> tuple[dict, float]:
-    """Warm up with four steps, or a static solution; then return the fastest of some runs."""
-    first = setup
+def _run_timed(
+    solve: Solve, setup: Setup, repeats: int, most: float | None
+) -> tuple[dict[str, Any], float]:
+    """Run a setup so that its CPU seconds can be compared with those of other setups.
+
+    First a run that does not count compiles and warms up what the run needs: four steps, 2 % of
+    a run without fixed steps, or the whole static solution. Return the row of the first run that
+    counts, and the CPU seconds of the fastest of up to `repeats` runs. Raise `TimeLimit` for a
+    run of more than `most` CPU seconds.
+    """
+    warm_up = setup
     if setup.t_end is not None and not setup.is_static:
         span = setup.t_end - setup.start.t
-        short = 0.02 * span
+        short_span = 0.02 * span
         if setup.steps.dt:
-            short = 4 * setup.steps.dt
-        first = replace(setup, t_end=setup.start.t + min(short, span))
-    with suppress(FeclothError):  # the run itself will say so
-        _run_once(solve, first, most)
+            short_span = 4 * setup.steps.dt
+        warm_up = replace(setup, t_end=setup.start.t + min(short_span, span))
+    with suppress(FeclothError):  # the run itself will fail, too, and say why
+        _run_once(solve, warm_up, most)
     row, seconds = _run_once(solve, setup, most)
-    spent = [seconds]
-    while len(spent) < repeats and sum(spent) < LONG_ENOUGH:
-        spent.append(_run_once(solve, setup, most)[1])
-    return row, min(spent)
+    seconds_of_runs = [seconds]
+    # other work of the machine makes short runs slower by chance, so the fastest counts
+    while len(seconds_of_runs) < repeats and sum(seconds_of_runs) < LONG_ENOUGH:
+        _, seconds = _run_once(solve, setup, most)
+        seconds_of_runs.append(seconds)
+    return row, min(seconds_of_runs)
 
 
 def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
-    """Run over time or load steps; without `whole` only start and end have rows."""
-    chosen, solver = setup.choose()
+    """Run a setup over time or load steps, and return the part of the row that the run gives.
+
+    The row has the `times` and `columns` of what was recorded, the state at the `end`, the
+    `result` of the run, and its cost and errors. With `whole` each step is recorded. Without, a
+    run of many steps records only some of them, which is faster: then only the start and the
+    end are wanted. `report` is called after each recorded step.
+    """
+    simulation, solver = setup.choose()
     sizes = [0.0]
 
     def follow(info):
         sizes.append(info.dt)
         report(info)
 
-    result = chosen.run(solver, follow, None if whole else ROWS)
+    result = simulation.run(solver, report=follow, rows=None if whole else ROWS)
     return {
         "times": result.times,
         "columns": {**result.energies, **result.observed},
@@ -170,21 +197,26 @@ def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
         "step": math.nan if setup.is_static else max(sizes),
         "newton": result.newton,
         "time_error": result.time_error,
-        "time_order": 0 if setup.is_static else chosen.steps.traits.order,
+        "time_order": 0 if setup.is_static else simulation.steps.traits.order,
         "doubts": [doubt.entry() for doubt in result.doubts],
     }
 
 
 def _solve(setup: Setup, report: Callable[..., None], rest: Rest | None) -> dict:
-    """Find the equilibrium, or do nothing without `rest`; only start and end have rows."""
+    """Find the equilibrium of a setup, and return the same part of the row as `_march`.
+
+    `rest` finds the equilibrium. If it is None, nothing is solved, and the end is the start.
+    Only the start and the end have rows. `report` is called after each iteration.
+    """
     state: Any = setup.start
-    counted: dict[str, Any] = {"steps": 0, "newton": 0, "doubts": []}
+    cost_and_doubts: dict[str, Any] = {"steps": 0, "newton": 0, "doubts": []}
     if rest:
-        with warnings.catch_warnings(action="ignore", category=FeclothWarning):  # in the row
+        # warnings are not shown, because the row has them as doubts
+        with warnings.catch_warnings(action="ignore", category=FeclothWarning):
             state = rest(setup.system, setup.start, report=report)
         doubts = [doubt.entry() for doubt in state.doubts]
-        counted = {"steps": 1, "newton": state.iterations, "doubts": doubts}
-    return counted | {
+        cost_and_doubts = {"steps": 1, "newton": state.iterations, "doubts": doubts}
+    return cost_and_doubts | {
         "times": np.array([setup.start.t, state.t]),
         "columns": columns([setup.row(), setup.row(state if rest else None)]),
         "end": state,
@@ -203,7 +235,11 @@ def columns_to_record(quantity: Quantity) -> list[str]:
 
 
 def record_of(row: Mapping, quantity: Quantity, cloth: Cloth | None, probes=()) -> RunRecord:
-    """Return what a quantity is computed from, out of a row of `measure`."""
+    """Return the record from which a quantity is computed, made of a row of `measure`.
+
+    It has the columns over the whole run if the quantity needs them, else only at both ends.
+    `cloth` is what a field needs, `probes` are the names of the probes.
+    """
     columns_of_run = row["ends"]
     times = [row["times"][0], row["times"][-1]]
     if columns_to_record(quantity):

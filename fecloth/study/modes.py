@@ -102,7 +102,8 @@ class Modes(StudyResult):
         for number, shape in enumerate(self.shapes, start=1):
             shape = shape / np.linalg.norm(shape, axis=1).max()
             x = self.state.x + SHOWN_DISPLACEMENT * cloth.extent * shape
-            frames.add(State(float(number), x, 0.0 * shape), ({"shape": shape}, {}))
+            frame_state = State(t=float(number), x=x, v=0.0 * shape)
+            frames.add(frame_state, ({"shape": shape}, {}))  # an array of points, none of cells
         return frames.opens
 
     def __repr__(self) -> str:
@@ -158,16 +159,17 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
         If the state is unstable or no equilibrium, or a tangent is not symmetric.
     """
     check_system(system, state, "modes")
-    free = system.admissible.shape[1]
-    if free < 2:
-        what = f"a system of {free} free degrees of freedom"
+    free_directions = system.admissible.shape[1]
+    if free_directions < 2:
+        what = f"a system of {free_directions} free degrees of freedom"
         raise InputError(what, "must have at least 2", "modes", "Pin less of the cloth.")
-    validation.whole("count", count, 1, "modes", most=free - 1)
-    known = system.with_history(system.start_history(state))  # friction that sticks
-    pairs = least_eigenpairs(known, state, count)
-    unbalanced = _unbalanced(known, state)
+    validation.whole("count", count, 1, "modes", most=free_directions - 1)
+    # with the history of the terms, friction sticks where it holds
+    system_at_rest = system.with_history(system.start_history(state))
+    pairs = least_eigenpairs(system_at_rest, state, count)
+    unbalanced = _unbalanced(system_at_rest, state)
     frequencies = _frequencies(pairs.values)
-    zero = float(_frequencies(np.array([pairs.zero]))[0])
+    zero = float(_frequencies(np.array([pairs.zero]))[0])  # up to it ω² may be round-off
     doubts = tuple(_find_doubts(pairs, unbalanced))
     for doubt in doubts:
         warnings.warn(str(doubt), FeclothWarning, stacklevel=2)
@@ -192,9 +194,13 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
 
 
 def _verdict(f: np.ndarray, zero: float) -> str:
-    """Return whether modes grow or have no stiffness, and the lowest frequency of the others."""
+    """Return whether modes grow or have no stiffness, and the lowest frequency of the others.
+
+    `f` are the frequencies [Hz], ascending; below 0 a mode grows. Up to `zero` [Hz] round-off
+    hides the stiffness.
+    """
     unstable = int((f < -zero).sum())
-    soft = int((f <= zero).sum())
+    soft = int((f <= zero).sum())  # without stiffness, or unstable
     count = len(f)
     if unstable:
         return (
@@ -231,7 +237,10 @@ def _unbalanced(system: System, state: State) -> float:
 
 
 def _find_doubts(pairs: Eigenpairs, unbalanced: float) -> Iterator[Doubt]:
-    """Yield the reasons to doubt the modes."""
+    """Yield the reasons to doubt the modes: no equilibrium, instability, and asymmetry.
+
+    `unbalanced` is the force that is not balanced over all forces.
+    """
     if unbalanced > EQUILIBRIUM_FORCES:
         words = (
             f"the state is not in equilibrium ({100 * unbalanced:.2g} % of the forces are not "
@@ -265,19 +274,22 @@ def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Fig
     """Draw the first twelve shapes on the flat cloth.
 
     The colour is the displacement along the direction in which the mode moves most, relative to
-    the largest one.
+    the largest one. The title of a panel is the frequency. `frequencies` are in Hz, `shapes` are
+    (count, n, 3).
     """
     count = min(len(shapes), MOST_PANELS)
     columns = min(count, COLUMNS)
     rows = math.ceil(count / COLUMNS)
     width, height = np.ptp(cloth.X, axis=0)
-    panel_height = PANEL_WIDTH * min(max(height / width, 0.3), 2.0) + 0.4  # with the title
+    # as high as the cloth, but not too flat or too high to read, and 0.4 inches for the title
+    panel_height = PANEL_WIDTH * min(max(height / width, 0.3), 2.0) + 0.4
     size = PANEL_WIDTH * columns + 0.6, max(panel_height * rows, PANEL_WIDTH)
     figure, axes = new_figure(rows, columns, size)
     axes = np.atleast_1d(axes).ravel()
     for axis, frequency, shape in zip(axes, frequencies, shapes, strict=False):
-        along = np.linalg.svd(shape, full_matrices=False)[2][0]
-        u = shape @ along
+        # the first right singular vector is the direction in which the nodes move most
+        direction = np.linalg.svd(shape, full_matrices=False)[2][0]
+        u = shape @ direction
         u = u / u[abs(u).argmax()]
         colours = axis.tripcolor(
             cloth.X[:, 0],

@@ -104,10 +104,10 @@ class Opened:
         >>> print(study.compare("stiffness=40,20", "tip.x").verdict[:37])
         tip.x: stiffness = 20 is 2.107443 ± 0
         """
-        listed: Any = problem
+        sources: Any = problem
         if isinstance(problem, str) or not isinstance(problem, Sequence):
-            listed = [problem]
-        if not listed:
+            sources = [problem]
+        if not sources:
             raise InputError("problem = []", "must be at least one scene or function", "study")
         given = Runs(
             cache=cache,
@@ -119,7 +119,7 @@ class Opened:
         )
         problems = [
             open_problem(source, h=h, dt=dt, t_end=t_end, probes=probes, settings=settings)
-            for source in listed
+            for source in sources
         ]
         return cls(tuple(problems), given, takes_usual_limit=time_limit == "auto")
 
@@ -144,7 +144,11 @@ class Opened:
 
 
 def open_study(problem: Any, shared: Mapping[str, Any]) -> Opened:
-    """Open a problem with the arguments that studies share; an open problem has them already."""
+    """Open a problem with the arguments that studies share.
+
+    A problem that is open already is returned as it is; `shared` must be empty then, else
+    `InputError` is raised.
+    """
     if not isinstance(problem, Opened):
         return Opened.of(problem, **shared)
     if shared:

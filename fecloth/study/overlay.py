@@ -46,7 +46,10 @@ class Overlay:
         return cls(first, second, arrays)
 
     def write(self, folder: str | Path) -> Path:
-        """Write first.pvd with `other` and `difference`, and second.pvd; return first.pvd."""
+        """Write both results to the folder, for ParaView; return the path of first.pvd.
+
+        first.pvd has the first result with `other` and `difference`, second.pvd the second one.
+        """
         folder = Path(folder)
         system, state = self.first
         points, cells = fields(system, state)
@@ -73,24 +76,26 @@ def compare_runs(folder_a: str | Path, folder_b: str | Path, output: str | Path)
     = x_B(X) − x_A(X). Raises `InputError` if a folder has no frames, or the runs have no time
     in common, and `MeshError` if a node of A does not lie on the cloth of B.
     """
-    a = Series.open(folder_a)
-    b = Series.open(folder_b)
-    round_off = 1e-9 * max(abs(a.times[-1]), abs(b.times[-1]), 1e-300)
-    pairs = []
-    for i, t in enumerate(a.times):
-        nearest = b.at(t)
-        if abs(b.times[nearest] - t) <= round_off:
+    series_a = Series.open(folder_a)
+    series_b = Series.open(folder_b)
+    # times that differ by less are the same time
+    round_off = 1e-9 * max(abs(series_a.times[-1]), abs(series_b.times[-1]), 1e-300)
+    pairs = []  # numbers of the frames of A and B at the same time
+    for i, t in enumerate(series_a.times):
+        nearest = series_b.at(t)
+        if abs(series_b.times[nearest] - t) <= round_off:
             pairs.append((i, nearest))
     if not pairs:
         remedy = "Give both scenes the same t_end and output.frames."
         raise InputError(f"{folder_a} and {folder_b}", "have no time in common", "", remedy)
-    cloth = _cloth_of(a.read(0))
-    other_cloth = _cloth_of(b.read(0))
+    cloth = _cloth_of(series_a.read(0))
+    other_cloth = _cloth_of(series_b.read(0))
     path = Path(output)
     frames = Frames(path, cloth, stem=path.name)
-    for i, k in pairs:
-        frame = a.read(i)
-        arrays = overlay_arrays(cloth, frame.points, other_cloth, b.read(k).points)
+    for i, nearest_b in pairs:
+        frame = series_a.read(i)
+        other_points = series_b.read(nearest_b).points
+        arrays = overlay_arrays(cloth, frame.points, other_cloth, other_points)
         for name in ("displacement", "velocity", "reference"):
             arrays[name] = frame.point_data[name]
         state = State(frame.t, frame.points, frame.point_data["velocity"])

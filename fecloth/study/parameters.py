@@ -60,42 +60,52 @@ class Parameter:
 def choose_parameters(
     problem: Problem, asked: Asked | None, scale: Mapping[str, float]
 ) -> tuple[Parameter, ...]:
-    """Return the parameters that are asked for, or all numbers of fabric and terms but zeros.
+    """Return the parameters that are asked for.
 
-    `scale` are the sizes of usual changes, by name. Raises `InputError` for a name that is no
-    number of the problem, for a number that changes the mesh, the steps or the solver, and for a
-    value of 0 without a scale.
+    If `asked` is None, return all numbers of fabric and terms, or all arguments of a function,
+    that are not 0. A name that stands for several numbers, such as a list, gives a parameter for
+    each. `scale` has the sizes of usual changes, by name. Raise `InputError` for a name that is
+    no number of the problem or occurs twice, for a number that changes the mesh, the steps or
+    the solver, for a value of 0 without a scale, for a scale of another name, and if there is
+    no parameter.
     """
     if not isinstance(asked, str | Sequence | Mapping | None):
         raise InputError(f"parameters = {brief(asked)}", "must be names, or a mapping", WHERE)
-    known = dict(numbers_of(problem))
+    numbers = dict(numbers_of(problem))
     if asked is None:
-        names: Sequence[str] = [name for name in _usual_names(problem, known) if known[name]]
+        usual_names = _usual_names(problem, numbers)
+        # a value of 0 has no usual change, so it is no parameter without a scale
+        names: Sequence[str] = [name for name in usual_names if numbers[name]]
         if not names:
             remedy = "Name parameters, with a scale for each value of 0."
             raise InputError("parameters = None", f"{problem.name} has none", WHERE, remedy)
     else:
         names = []
         for name in [asked] if isinstance(asked, str) else asked:
-            items = [key for key in known if key.startswith(f"{name}.")]
-            names += items or [name]  # the key of a pair stands for both of its numbers
+            names_of_items = [key for key in numbers if key.startswith(f"{name}.")]
+            names += names_of_items or [name]  # the key of a list stands for all of its numbers
     if not names or len(set(names)) < len(names):
         raise InputError(f"parameters = {asked!r}", "must be names, each one once", WHERE)
     for name in sorted(set(scale) - set(names)):
         raise InputError(f"scale of {name!r}", "is of no parameter here", WHERE)
-    return tuple(_make_parameter(problem, name, known, scale) for name in names)
+    return tuple(_make_parameter(problem, name, numbers, scale) for name in names)
 
 
 def _make_parameter(
-    problem: Problem, name: str, known: Mapping[str, float], scale: Mapping[str, float]
+    problem: Problem, name: str, numbers: Mapping[str, float], scale: Mapping[str, float]
 ) -> Parameter:
-    """Return the parameter of a name; `known` are all numbers of the problem."""
+    """Return the parameter with this name.
+
+    `numbers` are all numbers of the problem, `scale` the sizes of usual changes, both by name.
+    Raise `InputError` for a number that changes the mesh, the steps or the solver, for an
+    unknown name, and for a usual change that is not above 0, as of a value of 0 without a scale.
+    """
     refuse_sizes(problem, name)
-    if name not in known:
-        listed = ", ".join(known) or "no number"
-        allowed = f"must be a number of the problem: {listed}"
-        raise InputError(f"parameter {name!r}", allowed, WHERE, did_you_mean(name, known))
-    value = known[name]
+    if name not in numbers:
+        all_names = ", ".join(numbers) or "no number"
+        allowed = f"must be a number of the problem: {all_names}"
+        raise InputError(f"parameter {name!r}", allowed, WHERE, did_you_mean(name, numbers))
+    value = numbers[name]
     width = scale.get(name, abs(value))
     if not (is_number(width) and width > 0):
         what = f"parameter {name!r} = 0"
@@ -107,7 +117,10 @@ def _make_parameter(
 
 
 def refuse_sizes(problem: Problem, name: str) -> None:
-    """Raise `InputError` for a number that changes the mesh, the steps or the solver."""
+    """Raise `InputError` for a number that is no parameter.
+
+    Such a number changes the mesh, the steps or the solver, or, as of [output], no motion.
+    """
     if isinstance(problem, SceneProblem):
         table = name.partition(".")[0]
         if reason := REFUSED.get(table):
@@ -115,6 +128,7 @@ def refuse_sizes(problem: Problem, name: str) -> None:
             if table.startswith("cloth"):
                 remedy = "A function of Python may move the nodes of the same triangles."
             elif table in ("time", "solver", "equilibrium") and name != "time.t_end":
+                # not for t_end, because `converge` finds no error of it
                 remedy = "fecloth converge says what its error is."
             raise InputError(f"parameter {name!r}", reason, WHERE, remedy)
     elif name in SIZES:
@@ -123,10 +137,11 @@ def refuse_sizes(problem: Problem, name: str) -> None:
 
 
 def numbers_of(problem: Problem) -> Iterator[tuple[str, float]]:
-    """Return names and values of all numbers that may be parameters.
+    """Yield the name and the value of each number that may be a parameter.
 
-    Whole numbers of a scene are left out: they count something. Those of a function may be meant
-    as any number.
+    Whole numbers of a scene are left out, because they count something. Whole numbers of a
+    function are not: a user may write 2 for 2.0. Also left out are the uncertainties of numbers
+    of a fabric, and h and dt of a function.
     """
     if isinstance(problem, SceneProblem):
         tables = {name: table for name, table in problem.tables.items() if name not in REFUSED}
@@ -134,14 +149,15 @@ def numbers_of(problem: Problem) -> Iterator[tuple[str, float]]:
             if not _UNCERTAINTY.match(name):
                 yield name, value
         return
-    arguments = {k: v for k, v in _arguments(problem).items() if k not in SIZES}
+    arguments = {key: value for key, value in _arguments(problem).items() if key not in SIZES}
     yield from _find_numbers(arguments, float | int).items()
 
 
 def _arguments(problem: FunctionProblem) -> dict[str, object]:
     """Return the arguments of the function, given or by default."""
-    listed = inspect.signature(problem.function).parameters
-    return {name: item.default for name, item in listed.items()} | dict(problem.settings)
+    parameters = inspect.signature(problem.function).parameters
+    defaults = {name: parameter.default for name, parameter in parameters.items()}
+    return defaults | dict(problem.settings)
 
 
 def _find_numbers(data: Mapping, kind: Any) -> dict[str, float]:
@@ -150,23 +166,26 @@ def _find_numbers(data: Mapping, kind: Any) -> dict[str, float]:
     return {name: float(v) for name, v in values if isinstance(v, kind) and is_number(v)}
 
 
-def _usual_names(problem: Problem, known: Mapping[str, float]) -> list[str]:
-    """Return the names that are meant if none is given."""
+def _usual_names(problem: Problem, numbers: Mapping[str, float]) -> list[str]:
+    """Return the names that are meant if none is given, out of all `numbers` of the problem."""
     if isinstance(problem, SceneProblem):
-        return [name for name in known if name.partition(".")[0] in TABLES]
+        return [name for name in numbers if name.partition(".")[0] in TABLES]
     arguments = _find_numbers(_arguments(problem), float)  # whole numbers may count something
-    return [name for name in known if name in arguments]
+    return [name for name in numbers if name in arguments]
 
 
 def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Setup:
     """Return the setup of the problem with other values, on the same triangles as `base`.
 
-    Raises `InputError` if the values are refused, or change the triangles or the held nodes.
+    A scene is built on the cloth of `base`; a function makes its own cloth. Raise `InputError`
+    if the values are refused, or change the triangles or the held nodes: then the positions of
+    both runs cannot be compared node by node.
     """
     try:
         changed = problem.changed(Change(values=grouped(problem, values)))
         setup = changed.setup(base.cloth)
     except InputError as error:
+        # its own value is allowed, so this one lies beyond an end of what is allowed
         allowed = "needs values on both sides of its own: " + str(error)
         raise InputError(f"parameter {' and '.join(values)}", allowed, WHERE) from None
     cloth = setup.cloth
@@ -181,29 +200,38 @@ def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Se
 
 
 def grouped(problem: Problem, values: Mapping[str, float]) -> dict[str, object]:
-    """Return the values by the arguments of a function, with the items of a list together.
+    """Return the values as `Change` takes them.
 
-    The values of a scene stay as they are.
+    The values of a scene stay as they are, by their dotted keys. A function takes whole
+    arguments: a value of the item "stiffness.0" gives the list `stiffness` with this item
+    changed.
     """
     if isinstance(problem, SceneProblem):
         return dict(values)
     arguments = _arguments(problem)
     changed = dict[str, object]()
     for name, value in values.items():
-        key, *rest = name.split(".")
-        changed[key] = _replaced(changed.get(key, arguments[key]), rest, value)
+        argument, *keys_of_item = name.split(".")
+        # another item of the same list may be changed already
+        old = changed.get(argument, arguments[argument])
+        changed[argument] = _replaced(old, keys_of_item, value)
     return changed
 
 
 def _replaced(old: object, keys: Sequence[str], value: float) -> object:
-    """Return `old` with the value in place of the item that the keys lead to."""
+    """Return `old` with the value in place of one item, which may be nested.
+
+    The keys lead to the item: each is the key of a mapping, or the number of an item of a list
+    or tuple. Without keys the value takes the place of `old`. `old` itself is not changed.
+    """
     if not keys:
         return value
-    first, *rest = keys
+    first_key, *other_keys = keys
     if isinstance(old, Mapping):
-        return {**old, first: _replaced(old[first], rest, value)}
+        return {**old, first_key: _replaced(old[first_key], other_keys, value)}
     items = list(old)  # type: ignore[call-overload]  # a list or tuple, by `flatten`
-    items[int(first)] = _replaced(items[int(first)], rest, value)
+    number = int(first_key)
+    items[number] = _replaced(items[number], other_keys, value)
     if isinstance(old, tuple):
         return tuple(items)
     return items

@@ -86,19 +86,25 @@ class CommonProblem:
         return space_order(quantity, self.first), time_order
 
     def choose_quantities(self, asked: Asked | Sequence[Asked] | None) -> tuple[Quantity, ...]:
-        """Return the quantities that are asked for, or the problem's own."""
-        listed: Any = asked
+        """Return the quantities that are asked for, or the problem's own if `asked` is None.
+
+        Raise `InputError` for a quantity that the run does not have, and for natural frequencies
+        beside other quantities of a run in time.
+        """
+        quantities_to_read: Any = asked
         if asked is None:
-            listed = self.quantities
+            quantities_to_read = self.quantities
         elif isinstance(asked, str) or not isinstance(asked, Sequence):
-            listed = [asked]
-        chosen = tuple(map(parse_quantity, listed))
-        for quantity in chosen:
+            quantities_to_read = [asked]
+        quantities = tuple(map(parse_quantity, quantities_to_read))
+        for quantity in quantities:
             self.check_quantity(quantity)
-        if len({quantity.how == "mode" for quantity in chosen}) > 1 and not self.is_static:
+        are_modes = {quantity.how == "mode" for quantity in quantities}
+        # modes of a problem in time are modes about its start, for which nothing runs
+        if len(are_modes) > 1 and not self.is_static:
             allowed = "needs a study of its own: a scene in time is not run for its modes"
             raise InputError("frequency(k) beside other quantities", allowed, self.source)
-        return chosen
+        return quantities
 
     def choose_quantity(self, asked: Asked | None) -> Quantity:
         """Return the quantity that is asked for, or the first of the problem's own."""
@@ -125,7 +131,8 @@ def space_order(quantity: Quantity, setup: Setup) -> float:
     Linear triangles have order 2, and 1 for gradients. Quadratic triangles have order 3, 2 for
     gradients, and 4 for energies, frequencies, areas, volumes and reactions. With bending, or a
     round border of straight edges, the order is at most 2. `find_obstacles` says where point
-    values have order 2 only.
+    values have order 2 only. Numbers that are means, such as energies, have a higher order than
+    values at a point.
     """
     is_gradient = quantity.norm == "h1" or quantity.name.endswith("stretch")
     if setup.cloth.element == "P1":
@@ -140,24 +147,30 @@ def space_order(quantity: Quantity, setup: Setup) -> float:
 
 
 def border_of(cloth: Cloth) -> tuple[np.ndarray, np.ndarray]:
-    """Return the edges (b, 2) of the border, and |sin| of its turn at each node (n,)."""
+    """Return the edges (b, 2) of the border, and |sin| of its turn at each node (n,).
+
+    The edges are numbers of nodes, in the order in which a triangle on their left has them. The
+    turn at a node is the angle between the two edges of the border there; it is 0 at all other
+    nodes.
+    """
     edges = np.concatenate([cloth.triangles[:, [i, (i + 1) % 3]] for i in range(3)]).astype(int)
-    number = edges @ [len(cloth.X), 1]
+    number = edges @ [len(cloth.X), 1]  # a number of its own for each pair of nodes
     number_of_reverse = edges @ [1, len(cloth.X)]
-    # An edge of the border belongs to one triangle only, which lies on its left.
+    # Two triangles have their common edge in opposite directions. An edge of the border belongs
+    # to one triangle only, so that its reverse is no edge.
     edges = edges[~np.isin(number, number_of_reverse)]
-    along = np.diff(cloth.X[edges], axis=1)[:, 0]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    arriving, leaving = np.zeros((2, len(cloth.X), 2))
-    leaving[edges[:, 0]] = along
-    arriving[edges[:, 1]] = along
+    direction = np.diff(cloth.X[edges], axis=1)[:, 0]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    arriving, leaving = np.zeros((2, len(cloth.X), 2))  # directions of both edges at a node
+    leaving[edges[:, 0]] = direction
+    arriving[edges[:, 1]] = direction
     return edges, np.abs(arriving[:, 0] * leaving[:, 1] - arriving[:, 1] * leaving[:, 0])
 
 
 def is_round(cloth: Cloth) -> bool:
     """Whether the border turns at most of its nodes, as the mesh of a round shape does."""
     edges, turning = border_of(cloth)
-    turns = turning[edges[:, 0]] > 1e-3
+    turns = turning[edges[:, 0]] > 1e-3  # a straight border turns by round-off only
     return bool(np.count_nonzero(turns) > len(turns) / 2)
 
 
@@ -169,10 +182,10 @@ FOLDED_STRETCH = 0.9
 
 
 def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray) -> list[str]:
-    """Return a sentence for each feature of a system that limits or prevents convergence in h.
+    """Return a sentence for each feature of a run that limits or prevents convergence in h.
 
-    `ends` are the columns of the run at its start and end, `x` (n, 3) the positions at the
-    end.
+    `ends` has the values of each column at the start and the end of the run, `x` (n, 3) are the
+    positions at the end [m].
     """
     system = setup.system
     bends = has_bending(setup)
@@ -188,11 +201,11 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray)
             "a PointForce acts on a point, under which the deflection of a membrane grows like "
             "log(1/h); spread it over an area"
         )
-    least = ends.get("least_stretch", [1.0])[-1]
-    if least < FOLDED_STRETCH:
+    least_stretch = ends.get("least_stretch", [1.0])[-1]
+    if least_stretch < FOLDED_STRETCH:
         remark = (
-            f"a triangle is compressed to {least:.2f} of its length: folds and wrinkles differ "
-            "from mesh to mesh"
+            f"a triangle is compressed to {least_stretch:.2f} of its length: folds and wrinkles "
+            "differ from mesh to mesh"
         )
         if not bends:
             remark += ", without bending down to the edge length"

@@ -24,18 +24,20 @@ def open_problem(
 ) -> Problem:
     """Return the problem of a scene, its path, or a function.
 
-    The other arguments are for a function, see `fecloth.study.of`; for a scene they raise
-    `InputError`.
+    The other arguments are for a function, see `fecloth.study.of`. Raise `InputError` for any
+    of them beside a scene, for an argument that the function does not take, and for what is
+    neither a scene nor a function.
     """
     if isinstance(problem, Scene | str | Path):
         named = {"h": h, "dt": dt, "t_end": t_end, "probes": probes or None, **(settings or {})}
-        given = [name for name, value in named.items() if value is not None]
-        if given:
+        given_names = [name for name, value in named.items() if value is not None]
+        if given_names:
+            what = f"{given_names[0]} = …"
             remedy = "Change the scene."
-            raise InputError(f"{given[0]} = …", "is for a function's problem", "problem", remedy)
+            raise InputError(what, "is for a function's problem", "problem", remedy)
         scene = problem if isinstance(problem, Scene) else load_scene(problem)
-        file = Path(scene.source.partition(" with ")[0])
-        return SceneProblem(scene, scene.title or file.stem, file.name)
+        file = Path(scene.source.partition(" with ")[0])  # "drape.toml with fabric.density=0.2"
+        return SceneProblem(scene, name=scene.title or file.stem, source=file.name)
     if not callable(problem):
         allowed = "must be a scene, its path, or a function of h and dt"
         raise InputError(f"problem = {problem!r}", allowed)

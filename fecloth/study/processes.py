@@ -35,22 +35,30 @@ def run_case(file: str, name: str, settings: dict, time_limit: float | None = No
 def run_in_processes(
     cases: Sequence[Any], count: int, time_limit: float | None
 ) -> Iterator[tuple[Any, dict]]:
-    """Yield (case, result) as they finish in `count` processes; replace each stopped process.
+    """Yield pairs of a case and its result, in the order in which the cases finish.
 
-    `time_limit` is CPU time [s]. A process that hangs takes none: it is stopped by the clock.
+    The cases run in `count` processes, each with one thread. A process that ended or was stopped
+    is replaced. `time_limit` is the CPU time of a case [s]. A process that hangs takes no CPU
+    time, so it is also stopped after a long time by the clock.
     """
-    hanging = None
+    clock_limit = None
     if time_limit is not None:
-        hanging = max(HANGING_OVER_LIMIT * time_limit, LEAST_HANGING)
-    first = cases[0]
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPool(count, 0, _start_worker, (first.file, first.name), context)
+        clock_limit = max(HANGING_OVER_LIMIT * time_limit, LEAST_HANGING)
+    first = cases[0]  # all cases of a study have the same function
+    context = multiprocessing.get_context("spawn")  # does not copy the threads of this process
+    pool = ProcessPool(
+        max_workers=count,
+        max_tasks=0,  # any number for each process
+        initializer=_start_worker,
+        initargs=(first.file, first.name),
+        context=context,
+    )
     with _one_thread_environment():
         try:
             case_of: dict[Future, Any] = {}
             for case in cases:
                 task = case.file, case.name, dict(case.settings), time_limit
-                case_of[pool.schedule(_run_limited, task, timeout=hanging)] = case
+                case_of[pool.schedule(_run_limited, task, timeout=clock_limit)] = case
             for future in as_completed(case_of):
                 yield case_of[future], _result_of(future, time_limit)
         finally:
@@ -66,7 +74,11 @@ def _start_worker(file: str, name: str) -> None:
 
 
 def _run_limited(file: str, name: str, settings: dict, time_limit: float | None) -> dict:
-    """Run a case; the system ends the process when it is late, also in compiled code."""
+    """Run a case; if it takes longer than the limit [CPU s], the system ends this process.
+
+    So a case ends that does not look at its time limit, as in compiled code. The timer exists on
+    POSIX systems only.
+    """
     if time_limit is None or os.name != "posix":
         return run_case(file, name, settings, time_limit)
     signal.setitimer(signal.ITIMER_PROF, LATE_OVER_LIMIT * time_limit)
@@ -77,12 +89,16 @@ def _run_limited(file: str, name: str, settings: dict, time_limit: float | None)
 
 
 def _result_of(future: Future, time_limit: float | None) -> dict:
-    """Return the result of a case, or the status of a late case and of a dead process."""
+    """Return the result of a case, or a row with its status if it was late or its process ended.
+
+    Raise `RuntimeError` if no process could start.
+    """
     try:
         return future.result()
-    except TimeoutError:
+    except TimeoutError:  # the process hung, and was stopped by the clock
         return {"status": status.LATE, "cause": status.describe_time_limit(time_limit or 0.0)}
     except ProcessExpired as error:
+        # the timer of `_run_limited` ends a process that does not look at its limit itself
         if time_limit is not None and error.exitcode == ENDED_BY_TIMER:
             return {"status": status.LATE, "cause": status.describe_time_limit(time_limit)}
         cause = f"its process ended with code {error.exitcode}"
@@ -93,26 +109,32 @@ def _result_of(future: Future, time_limit: float | None) -> dict:
 
 @contextmanager
 def _one_thread_environment() -> Iterator[None]:
-    """Set the environment so that a process started inside uses one thread in every library."""
-    before = {name: os.environ.get(name) for name in threads.ONE}
+    """Set the environment so that a process started inside uses one thread in every library.
+
+    Processes run side by side, so that more threads would only compete. At the end the
+    environment of this process is as before.
+    """
+    old_values = {name: os.environ.get(name) for name in threads.ONE}
     os.environ.update(threads.ONE)
     try:
         yield
     finally:
-        for name, value in before.items():
+        for name, old_value in old_values.items():
             del os.environ[name]
-            if value is not None:
-                os.environ[name] = value
+            if old_value is not None:
+                os.environ[name] = old_value
 
 
 PATIENCE = 10.0  # time to wait for the scheduler, and for its first worker [s]
 
 
 def run_on_cluster(cases, scheduler: str, time_limit: float | None) -> Iterator[tuple]:
-    """Yield (case, result) as the cases finish on a Dask cluster.
+    """Yield pairs of a case and its result, in the order in which they finish on a Dask cluster.
 
     The workers need fecloth installed, and the file of the study under the same path; they
-    import the study's function from that file.
+    import the study's function from that file. `scheduler` is the address of the scheduler,
+    `time_limit` the CPU time of a case [s]. Raise `InputError` if the scheduler does not answer
+    or has no worker, or if a worker cannot run the cases.
     """
     require_packages("distributed")
     from distributed import as_completed
@@ -159,7 +181,10 @@ def find_mistake(file: str, source: str) -> str:
 
 
 def _connect(scheduler: str):
-    """Return a client of the scheduler; raise `InputError` if it does not answer."""
+    """Return a client of the scheduler.
+
+    Raise `InputError` if it does not answer, or has no worker, within `PATIENCE` seconds.
+    """
     from distributed import Client
 
     remedy = "studies/README.md says how to start a scheduler and workers."
@@ -176,7 +201,10 @@ def _connect(scheduler: str):
 
 
 def _check_workers(client, scheduler: str, file: str, source: str) -> None:
-    """Raise `InputError` if a worker cannot run the cases of a file."""
+    """Raise `InputError` if a worker cannot run the cases of a file.
+
+    `source` is the hash of the sources of this process, which all workers must have, too.
+    """
     try:
         mistakes = client.run(find_mistake, file, source)
     except Exception as error:  # a worker raises whatever its import of fecloth raises
@@ -188,12 +216,15 @@ def _check_workers(client, scheduler: str, file: str, source: str) -> None:
 
 
 def _result_of_task(future) -> dict:
-    """Return the result of a case, or the status of a case that has none."""
+    """Return the result of a case, or a row with "error" or "killed" and the cause.
+
+    Dask raises "KilledWorker" if several workers in turn ended while they ran the case.
+    """
     error = future.exception()
     if error is None:
         return future.result()
-    kind = type(error).__name__
-    word = status.ERROR
-    if kind == "KilledWorker":
-        word = status.KILLED
-    return {"status": word, "cause": f"{kind}: {error}"}
+    error_name = type(error).__name__
+    case_status = status.ERROR
+    if error_name == "KilledWorker":
+        case_status = status.KILLED
+    return {"status": case_status, "cause": f"{error_name}: {error}"}

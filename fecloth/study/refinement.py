@@ -51,16 +51,18 @@ def levels_to_run(
 ) -> list[Level]:
     """Return the levels, coarse to fine, and after them the levels that show other errors."""
     space_order, time_order = opened.orders(quantity)
-    made = make_levels(refine, levels, ratio or opened.ratio(refine), space_order, time_order)
-    return made + _levels_for_other_errors(opened, quantity, refine)
+    ratio = ratio or opened.ratio(refine)
+    refined_levels = make_levels(refine, levels, ratio, space_order, time_order)
+    return refined_levels + _levels_for_other_errors(opened, quantity, refine)
 
 
 def _levels_for_other_errors(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
-    """Return levels that change the first one where the refined levels do not.
+    """Return up to three levels, each of which is the first level with one other refinement.
 
-    One is finer in dt, where h is refined, or in h, where dt is. If the error chooses the steps,
-    rtol is divided in place of dt. One halves the gaps of contact, if there is contact. One
-    divides the tolerance of the solver.
+    They show the errors that the refined levels do not show. One level is finer in dt, if h is
+    refined, or in h, if dt is refined. If the error chooses the steps, rtol is divided in place
+    of dt. One level halves the gaps of contact, if there is contact. One divides the tolerance
+    of the solver, if steps in time solve equations.
     """
     levels = []
     in_time = not (opened.is_static or quantity.how == "mode")
@@ -86,16 +88,20 @@ def summarise(
 ) -> Convergence:
     """Return the result from the rows of all levels.
 
+    If a refined level failed or has no value, the result has a table, but no value. Else the
+    uncertainty is the uncertainty of the refined levels, plus three times each error that they
+    do not show.
+
     Parameters
     ----------
     rows
         Rows of the refined levels, coarse to fine.
     more
-        Rows of the levels that show other errors.
+        Rows of the levels that show other errors. A failed one is left out.
     """
     space_order, time_order = opened.orders(quantity)
     theory = time_order if refine == "dt" else space_order
-    described: dict[str, Any] = {
+    described: dict[str, Any] = {  # the fields of the result that say what was studied
         "levels": rows,
         "others": more,
         "title": opened.name,
@@ -106,36 +112,43 @@ def summarise(
     }
     rows = [{**row, "h": _edge(opened, rows[0], row)} for row in rows]
     if failure := _find_failure(rows):
-        return _answer_unknown(failure, rows, described)
+        return _make_unknown_result(failure, rows, described)
     values, judged_numbers = _values_of_levels(quantity, rows)
     if not np.isfinite(judged_numbers).all():
-        return _answer_unknown(f"{quantity.text} has no value on a level", rows, described)
+        why = f"{quantity.text} has no value on a level"
+        return _make_unknown_result(why, rows, described)
     sizes = [row["step"] if refine == "dt" else row["h"] for row in rows]
     estimate = estimate_uncertainty(sizes, judged_numbers, theory)
     least_error = 0.0
     if estimate.behaviour not in ("monotone", "constant"):
-        least_error = estimate.uncertainty / UNSAFE  # the finest level is not exact
+        # Such values have no limit but the finest one, whose error would then be 0.
+        least_error = estimate.uncertainty / UNSAFE
     name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")
     own_share = {name: max(abs(estimate.value - estimate.limit), least_error)}
     finished = [row for row in more if row["status"] == OK]
-    first = record_at(rows[0], quantity)
-    changes = [difference_of(quantity, first, record_at(row, quantity)) for row in finished]
-    others = other_shares(refine, (space_order, time_order), rows[0], finished, changes)
-    uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in others.values())
+    first_record = record_at(rows[0], quantity)
+    changes = []  # of the quantity, by each of the other refinements
+    for row in finished:
+        changes.append(difference_of(quantity, first_record, record_at(row, quantity)))
+    other_errors = other_shares(refine, (space_order, time_order), rows[0], finished, changes)
+    uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in other_errors.values())
     obstacles = []
-    if refine != "dt":
+    if refine != "dt":  # they are obstacles to convergence in h
         obstacles = list(rows[-1]["obstacles"])
     wrinkles = (doubt for doubt in doubts_of(rows[-1]) if doubt.kind is DoubtKind.WRINKLES)
     doubt = next(wrinkles, None)
-    converges, verdict = judge(estimate, sizes, judged_numbers, obstacles, abs(values[-1]), doubt)
-    answer = f"{quantity.text} = {with_uncertainty(values[-1], uncertainty, described['unit'])}"
+    size = abs(values[-1])
+    converges, verdict = judge(estimate, sizes, judged_numbers, obstacles, size, doubt)
+    value_words = with_uncertainty(values[-1], uncertainty, described["unit"])
+    answer = f"{quantity.text} = {value_words}"
     errors = [max(abs(number - estimate.limit), least_error) for number in judged_numbers]
-    shares = own_share | others
+    shares = own_share | other_errors
     return Convergence(
         verdict=f"{verdict}: {answer}" if converges else f"{verdict}\nFinest level: {answer}",
         table=_make_table(rows, values, errors),
         value=values[-1],
         uncertainty=uncertainty,
+        # the limit of differences between levels is no limit of the quantity
         limit=estimate.limit if judged_numbers is values else math.nan,
         order=estimate.order,
         converges=converges,
@@ -146,8 +159,11 @@ def summarise(
     )
 
 
-def _answer_unknown(why: str, rows: Sequence[Mapping], described: Mapping) -> Convergence:
-    """Return a result without a value; `described` says what was studied."""
+def _make_unknown_result(why: str, rows: Sequence[Mapping], described: Mapping) -> Convergence:
+    """Return a result without a value, whose verdict says `why` there is none.
+
+    `described` are the fields of the result that say what was studied.
+    """
     table = Table(tuple(map(_table_row, rows)))
     return Convergence(verdict=f"not known: {why}", table=table, **described)
 
@@ -161,7 +177,7 @@ def _make_table(rows: Sequence[Mapping], values: Sequence[float], errors: Sequen
 
 
 def _find_failure(rows: Sequence[Mapping]) -> str:
-    """Return how many levels failed and the cause of the first; "" if none failed."""
+    """Return in words how many levels failed and the cause of the first; "" if none failed."""
     failed = [row for row in rows if row["status"] != OK]
     if not failed:
         return ""
@@ -172,10 +188,11 @@ def _find_failure(rows: Sequence[Mapping]) -> str:
 
 
 def _values_of_levels(quantity: Quantity, rows: Sequence[Mapping]) -> tuple[list, list]:
-    """Return the values, and the numbers that are judged.
+    """Return two lists with an item for each level: the values, and the numbers that are judged.
 
-    These are the values or, of fields, paths and vectors, the sum of the differences between
-    levels up to the finest one: it falls with the same order, to the error of the finest level.
+    The judged numbers are the values themselves. But of a field, path or vector the number of a
+    level is the sum of the differences between successive levels, from this level to the finest
+    one: it falls with the same order as the error.
     """
     records = [record_at(row, quantity) for row in rows]
     values = [value_of(quantity, record) for record in records]
@@ -211,11 +228,13 @@ def other_shares(
 ) -> dict[str, float]:
     """Return the estimated errors that the refined levels do not show, by their names.
 
-    A part of the first level's error ∝ s^p changes by the share 1 − r^−p of itself if s is
-    divided by r.
+    An error ∝ s^p of the first level changes by the share 1 − r^−p of itself if the size s is
+    divided by r. So the error is the change of the quantity divided by this share.
 
     Parameters
     ----------
+    refine
+        "h", "dt" or "both": what the refined levels divide.
     orders
         Theoretical orders in h and in dt.
     first
@@ -228,21 +247,24 @@ def other_shares(
     for row, change in zip(more, changes, strict=True):
         level = row["point"].level
         if (level.sharper or 1.0) > 1:
-            errors["solver"] = change
+            errors["solver"] = change  # a hundredth of the tolerance leaves nearly no error
         elif level.gap > 1:
             errors["gap"] = change / (1 - 1 / level.gap)  # of first order
         elif level.rtol > 1:
             errors["time step"] = change / (1 - RTOL_RATIO**-RTOL_ORDER)
-        elif refine == "h":
+        elif refine == "h":  # then the other level halves dt
             errors["time step"] = change / (1 - 2.0**-time_order)
-        else:
+        else:  # the ratio of edge lengths as meshed
             ratio = first["edge"] / row["edge"]
             errors["mesh"] = change / (1 - ratio**-space_order)
     return errors
 
 
 def _table_row(row: Mapping) -> dict:
-    """Return the columns of a level that a reader wants."""
+    """Return the cells of a level that the table shows, without its value and error.
+
+    A failed level has its nominal step, and its status.
+    """
     cells = {"h": row["h"]}
     dt = row["step"] if "step" in row else _nominal_step(row)
     if dt is None or math.isfinite(dt):
@@ -263,17 +285,30 @@ def _nominal_step(row: Mapping) -> float | None:
 
 
 def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
-    """Return sentences on large other parts of the error, and on what the runs warned of."""
+    """Return sentences on what a reader should know of the errors and of the runs.
+
+    They say which error is larger than the error of what was refined, that an error in time is
+    not in the uncertainty, and how many warnings there were.
+
+    Parameters
+    ----------
+    rows
+        Rows of the refined levels, coarse to fine.
+    shares
+        The parts of the error by their names; the first one is of what was refined.
+    """
     lines = []
-    refined, *others = shares
-    for other in others:
-        if shares[other] > shares[refined]:
+    refined_part, *other_parts = shares
+    for other_part in other_parts:
+        if shares[other_part] > shares[refined_part]:
             remedy = "refine it too"
-            if other == "gap":
+            if other_part == "gap":
                 remedy = "take a smaller gap"
             lines.append(
-                f"The {other} contributes more than the {refined} that was refined: {remedy}."
+                f"The {other_part} contributes more than the {refined_part} that was refined: "
+                f"{remedy}."
             )
+    # the name of the share may also be "mesh and time step"
     if "time step" not in " ".join(shares) and rows[-1]["time_order"]:
         estimated = rows[-1]["time_error"]
         size = "not at all"
@@ -283,11 +318,11 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
             f"The finest run estimates its error in time {size}: the uncertainty does not "
             "contain it."
         )
-    warned = [doubt for row in rows for doubt in doubts_of(row)]
-    if warned:
-        if len(warned) == 1:
+    doubts = [doubt for row in rows for doubt in doubts_of(row)]
+    if doubts:
+        if len(doubts) == 1:
             words = "1 warning"
         else:
-            words = f"{len(warned)} warnings; the first"
-        lines.append(f"The runs gave {words}: {warned[0]}")
+            words = f"{len(doubts)} warnings; the first"
+        lines.append(f"The runs gave {words}: {doubts[0]}")
     return lines

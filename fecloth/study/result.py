@@ -26,7 +26,11 @@ ERROR_OF = {  # column → column of its error, which says how many of its digit
 
 
 def write_csv(rows: Sequence[Row], path: str | Path) -> None:
-    """Write all rows, with the union of their columns; omit columns that hold lists."""
+    """Write the rows to a CSV file, with the columns of all rows; make its folder if needed.
+
+    A column with a list or dict in any row is left out, because a cell holds a single value.
+    Raise `WriteError` if the file cannot be written.
+    """
     columns = []
     for column in _columns(rows):
         if not any(isinstance(row.get(column), list | dict) for row in rows):
@@ -100,9 +104,13 @@ class Table(Sequence[Mapping[str, Cell]]):
 
 
 def _round_by_errors(row: Mapping[str, Cell]) -> dict[str, str]:
-    """Return the cells of numbers and their errors, with as many digits as the errors have."""
+    """Return the cells of numbers that have an error in the row, and the cells of these errors.
+
+    Both are texts with as many digits as the error has. All other cells are left out.
+    """
     cells = {}
     for column, value in row.items():
+        # "difference of limits [%]" has its error in the column "± [%]"
         name, bracket, unit = column.partition(" [")
         error_column = f"{ERROR_OF.get(name, '')}{bracket}{unit}"
         error = row.get(error_column)
@@ -184,14 +192,18 @@ class StudyResult:
         return 0
 
     def report(self, folder: str | Path) -> Path:
-        """Write report.html, results.csv, the figure and the scene, if any; return the page."""
+        """Write report.html, results.csv, the figure and the scene, if any.
+
+        The figure is written as figure.png and figure.svg. The folder is made if needed. Return
+        the path of report.html; raise `WriteError` if a file cannot be written.
+        """
         folder = Path(folder)
         drawing = self.figure()
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             self.table.to_csv(folder / "results.csv")
-            for kind in ("png", "svg"):
-                drawing.savefig(folder / f"figure.{kind}", dpi=160)
+            for suffix in ("png", "svg"):
+                drawing.savefig(folder / f"figure.{suffix}", dpi=160)
         self.write_scene(folder)
         replace_file(folder / "report.html", (self._fill("study.html") + "\n").encode())
         return folder / "report.html"
@@ -226,7 +238,12 @@ class StudyResult:
 
 
 def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:
-    """Return a value and its uncertainty, both to the second digit of the uncertainty."""
+    """Return a value and its uncertainty, both to the second digit of the uncertainty.
+
+    Numbers from 0.001 to 100,000 are decimals, as "1.23 ± 0.12"; other ones have a power of
+    ten. Without an uncertainty above 0, or for numbers that are not finite, the value has up to
+    eight digits.
+    """
     size = max(abs(value), uncertainty)
     if not uncertainty > 0 or not size < float("inf"):
         text = f"{value:.8g} ± {uncertainty:.2g}"
@@ -235,7 +252,8 @@ def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:
         text = f"{value:.{places}f} ± {uncertainty:.{places}f}"
     else:
         digits = max(_places(uncertainty) - _places(size) + 1, 1)
-        text = f"{value:.{min(digits, 15)}e} ± {uncertainty:.1e}"
+        digits = min(digits, 15)  # a double has no more
+        text = f"{value:.{digits}e} ± {uncertainty:.1e}"
     return f"{text} {unit}".strip()
 
 
@@ -245,17 +263,20 @@ def _places(number: float) -> int:
 
 
 def read_tolerance(value: float | str) -> float:
-    """Return a relative tolerance from a number or a text such as "1%" or "0.01"."""
+    """Return a relative tolerance from a number or a text such as "1%" or "0.01".
+
+    Raise `InputError` for what is no number, or not between 0 and 1 (100 %).
+    """
     text = str(value).strip()
     try:
         number = float(text.rstrip("% "))
     except ValueError:
-        number = 0.0
+        number = 0.0  # which is refused below
     if text.endswith("%"):
         number /= 100
     if not 0 < number < 1:
         remedy = ""
-        if 1 <= number < 100:
+        if 1 <= number < 100:  # it was probably meant in per cent
             remedy = f"For {number:g} percent write {number:g}%."
         allowed = "must lie between 0 and 100 %, as 1% or 0.01"
         raise InputError(f"tolerance = {value}", allowed, "", remedy)

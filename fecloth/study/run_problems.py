@@ -18,7 +18,7 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
 from fecloth.study.cases import Progress, run_cases
-from fecloth.study.change import FIRST, Level
+from fecloth.study.change import FIRST_LEVEL, Level
 from fecloth.study.measured_runs import REPEATS, columns_to_record, measure_problem, record_of
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
 from fecloth.study.workload import LONGEST, Workload, check_size
@@ -114,15 +114,18 @@ def check_points(points: Sequence[Point], runs: Runs) -> None:
 
 
 def run_or_skip(
-    listed: Sequence[Point | Mapping], quantities: Sequence[Quantity], runs: Runs
+    points_or_rows: Sequence[Point | Mapping], quantities: Sequence[Quantity], runs: Runs
 ) -> list[Mapping]:
-    """Return a row for each point; a row in the list, of what does not run, stays."""
-    points = [item for item in listed if isinstance(item, Point)]
+    """Return a row for each item of the list: the row of a point that runs, or the row itself.
+
+    A row (a mapping) in the list is of what does not run, such as a setting that was refused.
+    """
+    points = [item for item in points_or_rows if isinstance(item, Point)]
     new_rows = iter(run_points(points, quantities, runs)) if points else iter(())
-    return [next(new_rows) if isinstance(item, Point) else item for item in listed]
+    return [next(new_rows) if isinstance(item, Point) else item for item in points_or_rows]
 
 
-def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
+def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST_LEVEL) -> None:
     """Raise `InputError` for a scene that would take too long, before its mesh is made."""
     if isinstance(opened, SceneProblem) and runs.most_seconds is not None:
         size = opened.workload(level)
@@ -138,26 +141,28 @@ def print_warnings(opened: Problem) -> tuple[Doubt, ...]:
 
 
 def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
-    """Return a row for each point, with its `point`.
+    """Run the points, and return the row of `measure_problem` for each, with its `point`.
 
-    A run with a doubt that spoils it counts as failed: it is no evidence. Raises `InputError`
-    for several functions as quantities.
+    The row has all that the quantities are computed from, see `record_at`. A run with a doubt
+    that spoils it counts as failed: it is no evidence. Raise `InputError` for several functions
+    as quantities.
     """
     functions = [quantity.function for quantity in quantities if quantity.function]
     if len(functions) > 1:
         what = f"{len(functions)} functions as quantities"
         raise InputError(what, "must be at most 1", "study")
     # With all quantities of interest, studies of other quantities find the same stored cases.
-    needed = (*quantities, *points[0].problem.interest)
-    recorded = sorted({name for quantity in needed for name in columns_to_record(quantity)})
+    needed_quantities = (*quantities, *points[0].problem.interest)
+    recorded = {name for quantity in needed_quantities for name in columns_to_record(quantity)}
     modes = max((quantity.mode for quantity in quantities), default=0)
-    asked: dict[str, Any] = {"recorded": recorded, "modes": modes}
+    common_settings: dict[str, Any] = {"recorded": sorted(recorded), "modes": modes}
     if functions:
-        asked["function"] = functions[0]
+        common_settings["function"] = functions[0]
     tasks = []
     for point in points:
-        settings = asked | _timing(point, runs)
-        tasks.append(Task(measure_problem, point.refined, settings, point.words, point.size))
+        settings = common_settings | _timing(point, runs)
+        task = Task(measure_problem, point.refined, settings, words=point.words, size=point.size)
+        tasks.append(task)
     rows = run_tasks(tasks, runs)
     return [judged(row) | {"point": point} for row, point in zip(rows, points, strict=True)]
 
@@ -179,7 +184,8 @@ def doubts_of(row: Mapping) -> list[Doubt]:
 def _timing(point: Point, runs: Runs) -> dict:
     """Return the arguments of `measure_problem` on time and disturbance, without defaults.
 
-    Defaults would make other cases of the same runs.
+    The arguments are a part of the key under which a result is stored. With defaults among them
+    the key would be another one, and earlier results of the same run would not be found.
     """
     arguments: dict = {}
     if runs.timed:
@@ -220,10 +226,14 @@ class Task:
 
     @cached_property
     def case(self) -> dict | None:
-        """The arguments of `run_task`; None if other processes cannot import what it needs."""
+        """The arguments of `run_task`, as JSON values.
+
+        It is None for a task that only this process can run, because its settings are no JSON
+        values, or because other processes cannot import the function of its problem.
+        """
         try:
             json.dumps(self.settings)
-        except TypeError:  # as of a function as quantity
+        except TypeError:  # such as a user's function as quantity
             return None
         if not self.problem.is_importable:
             return None
@@ -232,25 +242,37 @@ class Task:
 
 
 def run_task(task: str, problem: dict, settings: dict) -> dict:
-    """Run a task in any process."""
-    kind = SceneProblem if "tables" in problem else FunctionProblem
-    return resolve_name(task)(kind.of_case(**problem), **settings)
+    """Run a task in any process, and return its row.
+
+    `task` names the function as "module:function", `problem` is the case of the problem.
+    """
+    problem_class = SceneProblem if "tables" in problem else FunctionProblem
+    return resolve_name(task)(problem_class.of_case(**problem), **settings)
 
 
 def run_tasks(tasks: Sequence[Task], runs: Runs) -> list[dict]:
-    """Return the rows of tasks; what only this process can run is not stored."""
-    anywhere = [task for task in tasks if task.case is not None]
-    only_here = [task for task in tasks if task.case is None]
+    """Run the tasks, and return their rows in the same order.
+
+    A task that any process can run is a case, whose result is stored; see `run_cases`. A task
+    that only this process can run is run here, and its result is not stored.
+    """
+    tasks_for_any_process = [task for task in tasks if task.case is not None]
+    tasks_for_this_process = [task for task in tasks if task.case is None]
     rows: dict[Task, dict] = {}
-    if anywhere:
-        rows |= zip(anywhere, _run_as_cases(anywhere, runs), strict=True)
-    if only_here:
-        rows |= zip(only_here, _run_here(only_here, runs), strict=True)
+    if tasks_for_any_process:
+        new_rows = _run_as_cases(tasks_for_any_process, runs)
+        rows |= zip(tasks_for_any_process, new_rows, strict=True)
+    if tasks_for_this_process:
+        new_rows = _run_here(tasks_for_this_process, runs)
+        rows |= zip(tasks_for_this_process, new_rows, strict=True)
     return [rows[task] for task in tasks]
 
 
 def _run_as_cases(tasks: Sequence[Task], runs: Runs) -> list[dict]:
-    """Return the rows of tasks that any process can run; their results are stored."""
+    """Run tasks that any process can run, and return their rows; see `run_cases`.
+
+    Results are stored in the cache of `runs`, if there is one, and read from there.
+    """
     cases: list[Any] = [task.case for task in tasks]
     return run_cases(
         cases,
@@ -267,7 +289,10 @@ def _run_as_cases(tasks: Sequence[Task], runs: Runs) -> list[dict]:
 
 
 def _run_here(tasks: Sequence[Task], runs: Runs) -> list[dict]:
-    """Return the rows of tasks that run one after the other in this process."""
+    """Run tasks one after the other in this process, and return their rows.
+
+    A task that fails has a row with its status and cause. Progress lines are printed.
+    """
     costs = [task.size.seconds for task in tasks]
     rows = list[dict]()
     progress = Progress(costs, in_seconds=True, quiet=runs.quiet)

@@ -21,8 +21,8 @@ from fecloth.study.problem import CommonProblem, quantities_of
 from fecloth.study.setups import table_of_grading
 from fecloth.study.workload import Workload
 
-# Tables that change no result.
-WORDS = ("title", "expect", "interest", "output", "uncertain", "measured")
+# Tables that change no result of a run: what it is called, and what is done with its results.
+WITHOUT_EFFECT = ("title", "expect", "interest", "output", "uncertain", "measured")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +88,13 @@ class SceneProblem(CommonProblem):
 
     @property
     def rtol(self) -> float:
-        """Tolerance of chosen steps [1/s]; 0 where the error does not choose them."""
+        """Tolerance of steps that their error chooses [1/s]; 0 if it does not choose them."""
         time = self.scene.time
         if self.scene.equilibrium or time.dt != "auto":
             return 0.0
         if time.rtol is not None:
             return time.rtol
-        if time.method.type in EXPLICIT:
+        if time.method.type in EXPLICIT:  # without rtol it takes its stable step
             return 0.0
         return Adaptive.rtol
 
@@ -116,18 +116,25 @@ class SceneProblem(CommonProblem):
         return Workload.of(self.scene)
 
     def workload(self, level: Level) -> Workload:
-        """Predict the size of a level, without its mesh."""
-        more_steps = level.dt
+        """Predict the size of a level from the size of the first one, without its mesh.
+
+        With dt = "auto" the number of steps is taken in proportion to 1/h and 1/√rtol.
+        """
+        steps_ratio = level.dt
         if self.scene.equilibrium:
-            more_steps = 1.0
+            steps_ratio = 1.0
         elif self.scene.time.dt == "auto":
-            more_steps = level.h * math.sqrt(level.rtol)
+            steps_ratio = level.h * math.sqrt(level.rtol)
         triangles = self.size.triangles * level.h**2
-        steps = math.ceil(self.size.steps * more_steps)
+        steps = math.ceil(self.size.steps * steps_ratio)
         return replace(self.size, triangles=triangles, steps=steps)
 
     def check(self, refine: str) -> None:
-        """Raise `InputError` if it has no h or dt to refine."""
+        """Raise `InputError` if there is no h or fixed dt to refine.
+
+        `refine` is "h", "dt" or "both". An explicit method with its stable step needs no dt for
+        "both": the step falls with h.
+        """
         if refine != "dt" and not self.can_refine("h"):
             remedy = "Give a .geo file and h, or a shape."
             if self.tables["cloth"].get("shape") == "join":
@@ -138,10 +145,11 @@ class SceneProblem(CommonProblem):
             if refine != "h":
                 raise InputError(f"refine = {refine!r}", "an equilibrium has no dt", self.source)
             return
-        explicit = self.scene.time.method.type in EXPLICIT and self.scene.time.rtol is None
+        time = self.scene.time
+        has_stable_step = time.method.type in EXPLICIT and time.rtol is None
         if refine == "dt" and not self.can_refine("dt"):
             raise InputError('dt = "auto"', "cannot be refined", self.source, "Give time.dt.")
-        if refine == "both" and not (explicit or self.can_refine("dt")):
+        if refine == "both" and not (has_stable_step or self.can_refine("dt")):
             remedy = "Give time.dt; or refine h: the steps follow their tolerance."
             raise InputError('dt = "auto"', "cannot be refined", self.source, remedy)
 
@@ -155,14 +163,14 @@ class SceneProblem(CommonProblem):
             return replace(self, scene=scene_of(tables, self.scene.trusts_geo))
 
     def _tables_for(self, change: Change) -> dict:
-        """Return the tables to change.
+        """Return the tables to which the change is applied.
 
-        A term that changes its type has only the keys that were given, because all others are
-        defaults of its old type.
+        They are the tables of the scene with all defaults. But a term that changes its type has
+        only the keys that the user wrote, because all others are defaults of its old type.
         """
         if not self.scene.terms:
             return self.tables
-        keys = [key.replace(" ", "") for key in change.values]
+        keys = [key.replace(" ", "") for key in change.values]  # "terms . 0 . type" is allowed
         terms = []
         for i, term in enumerate(self.scene.terms):
             table = self.tables["terms"][i]
@@ -172,20 +180,26 @@ class SceneProblem(CommonProblem):
         return self.tables | {"terms": terms}
 
     def refined(self, level: Level) -> "SceneProblem":
-        """Return a level of the problem; a refined dt divides the run into equal steps."""
+        """Return a level of the problem; a refined dt divides the run into equal steps.
+
+        The level divides h, dt, rtol and the tolerance of the solver; its edits change the
+        terms. A level that changes nothing is the problem itself.
+        """
         scene = self.scene
         values = dict[str, object]()
         if level.h != 1 and self.h is not None:
             values["cloth.h"] = self.h / level.h
         if level.dt != 1 and self.span is not None and self.dt is not None:
-            steps = math.ceil(self.span / self.dt - 1e-9)
+            steps = math.ceil(self.span / self.dt - 1e-9)  # 1e-9 against round-off
             values["time.dt"] = self.span / round(steps * level.dt)
         if level.rtol != 1:
             values["time.rtol"] = self.rtol / level.rtol
         if level.sharper is not None and scene.equilibrium:
-            if scene.equilibrium.tolerance != "auto":  # which is as exact as the answer needs
+            # the tolerance "auto" of an equilibrium is as exact as the answer needs
+            if scene.equilibrium.tolerance != "auto":
                 values["equilibrium.tolerance"] = scene.equilibrium.tolerance / level.sharper
-        elif level.sharper is not None:  # "auto" may leave more than levels differ by
+        elif level.sharper is not None:
+            # the tolerance "auto" of steps may leave larger errors than levels differ by
             values["solver.tolerance"] = scene.solver.make().residual / level.sharper
         if values or level.edits:
             return self.changed(Change(values=values, edits=level.edits))
@@ -208,32 +222,45 @@ class SceneProblem(CommonProblem):
         return setup
 
     def _build(self, cloth: Cloth | None = None) -> Setup:
-        """Return the setup of the scene without frames, so that no step has to end at one."""
+        """Return the setup of the scene, on the cloth if it is given.
+
+        It has no frames of [output], so that no step has to end at the time of a frame.
+        """
         built = self.scene.build(cloth)
         return Setup(
-            built.system,
-            built.start,
-            built.steps,
-            built.t_end,
+            system=built.system,
+            start=built.start,
+            steps=built.steps,
+            t_end=built.t_end,
             newton=built.newton,
             linear=built.linear,
             probes=built.probes,
         )
 
     def case(self) -> dict[str, object]:
-        """Return what `of_case` takes, in JSON's types: equal cases give equal runs."""
-        tables = {key: value for key, value in self.tables.items() if key not in WORDS}
+        """Return all that determines a run, as JSON values.
+
+        It is the key of the stored results, and `of_case` makes the problem from it again.
+        """
+        tables = {key: value for key, value in self.tables.items() if key not in WITHOUT_EFFECT}
         if "fabric" in tables:
             tables["fabric"] = _constants(tables["fabric"])
         if "fabrics" in tables:
-            tables["fabrics"] = {name: _constants(f) for name, f in tables["fabrics"].items()}
-        digest = digest_of_files(self.scene)
-        trust_geo = self.scene.trusts_geo
-        return {"tables": tables, "digest": digest, "trust_geo": trust_geo}
+            fabrics = tables["fabrics"].items()
+            tables["fabrics"] = {name: _constants(fabric) for name, fabric in fabrics}
+        return {
+            "tables": tables,
+            "digest": digest_of_files(self.scene),
+            "trust_geo": self.scene.trusts_geo,
+        }
 
     @classmethod
     def of_case(cls, tables: dict, digest: str, trust_geo: bool) -> "SceneProblem":
-        """Return the problem of a case; `digest` is of the files that the scene reads."""
+        """Return the problem of a case, as `case` has written it.
+
+        `digest` is not used here: it is in the case so that an edited file that the scene reads
+        makes another case.
+        """
         return cls(scene_of(tables, trust_geo), "scene")
 
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
@@ -249,11 +276,14 @@ def _constants(fabric: dict) -> dict:
 
 
 def digest_of_files(scene: Scene) -> str:
-    """Return a hash of the files that the scene reads: an edited mesh makes another case."""
+    """Return a hash of the contents of the files that the scene reads.
+
+    These are the mesh, the start and tables of terms. So an edited file makes another case.
+    """
     digest = hashlib.sha256()
     paths = [getattr(scene.cloth, "path", None), scene.start.frame]
     paths += [dict(term).get("path") for term in scene.terms]
     paths += getattr(scene.cloth, "paths", ())
     for path in paths:
-        digest.update(Path(path).read_bytes() if path else b"-")
+        digest.update(Path(path).read_bytes() if path else b"-")  # "-": no file in this place
     return digest.hexdigest()[:12]

@@ -11,7 +11,7 @@ from fecloth.errors import InputError, amount, brief
 from fecloth.scene.scene import Scene
 from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.change import FIRST, Change
+from fecloth.study.change import FIRST_LEVEL, Change
 from fecloth.study.derived_cases import LARGEST_ERROR, Sought, derive_case, run_twin
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.parameters import Asked as AskedParameters
@@ -129,77 +129,107 @@ def sensitivity(
         raise InputError(f"tolerance = {tolerance}", allowed, "sensitivity")
     if isinstance(scale, str) or not isinstance(scale, Iterable):
         raise InputError(f"scale = {brief(scale)}", "must be a mapping of names", "sensitivity")
-    if isinstance(parameters, Mapping):
+    if isinstance(parameters, Mapping):  # it has their values, too
         opened = opened.changed(Change.of(parameters))
     refuse_huge(opened, runs)
-    chosen = choose_parameters(opened, parameters, dict(scale))
-    single = quantity is None or isinstance(quantity, str | Quantity) or callable(quantity)
-    asked = _choose_quantities(opened, quantity, single)
-    if not asked:
+    chosen_parameters = choose_parameters(opened, parameters, dict(scale))
+    is_single = quantity is None or isinstance(quantity, str | Quantity) or callable(quantity)
+    quantities = _choose_quantities(opened, quantity, is_single)
+    if not quantities:
         raise InputError("quantity = []", "must be at least one", "sensitivity")
     doubts = print_warnings(opened)
-    return _answer(opened, Sought(chosen, asked, relative), runs, check, single, doubts)
+    sought = Sought(chosen_parameters, quantities, relative)
+    return _run_and_check(opened, sought, runs, check=check, is_single=is_single, doubts=doubts)
 
 
-def _choose_quantities(opened: Problem, quantity: Any, single: bool) -> tuple[Quantity, ...]:
+def _choose_quantities(opened: Problem, quantity: Any, is_single: bool) -> tuple[Quantity, ...]:
     """Return the quantities of a list, or the single one, or the first of the problem."""
-    if single:
+    if is_single:
         return (opened.choose_quantity(quantity),)
     return opened.choose_quantities(quantity)
 
 
-def _answer(
+def _run_and_check(
     opened: Problem,
     sought: Sought,
     runs: Runs,
     check: bool,
-    single: bool = False,
+    is_single: bool = False,
     doubts: tuple[Doubt, ...] = (),
 ) -> Sensitivity:
     """Run the problem with derivatives, check them by twin runs, and return the result.
 
-    `single` says that a single quantity was asked for, not a list; `doubts` are about
-    the set-up.
+    A derivative is NaN if the twin runs differ too much from it, or if the change of its
+    quantity is lost in round-off. If the run failed, all are NaN.
+
+    Parameters
+    ----------
+    sought
+        Quantities, parameters and tolerance.
+    check
+        Whether twin runs check the derivatives.
+    is_single
+        Whether a single quantity was asked for, not a list.
+    doubts
+        Doubts about the set-up, for the result.
     """
-    size = opened.workload(FIRST)
+    size = opened.workload(FIRST_LEVEL)
     row = _run_with_derivatives(opened, sought, size, runs)
     unknown = np.full((len(sought.quantities), len(sought.parameters)), np.nan)
-    slopes = np.array(row.get("slopes", unknown))
+    slopes = np.array(row.get("slopes", unknown))  # a run that failed has none
     checked = np.full(len(slopes), np.nan)
     why = row.get("why", "")
     if check and row["status"] == OK:
+        # The quantity may bend too much for the wide change: then the narrow one decides.
         for change in (WIDE_CHANGE, NARROW_CHANGE):
-            checked, why = _check(opened, sought, slopes, row, size, runs, change)
+            checked, why = _check_by_twin_runs(opened, sought, slopes, row, size, runs, change)
             if not (checked > LARGEST_ERROR).any():
                 break
-    is_lost = _find_lost_changes(sought, slopes, np.array(row.get("values", [])))
+    is_lost = _find_changes_below_round_off(sought, slopes, np.array(row.get("values", [])))
     known_slopes = np.where(is_lost, np.nan, slopes)
-    made = make_result(opened, sought, row, known_slopes, checked, single)
+    result = make_result(opened, sought, row, known_slopes, checked, is_single)
     remarks = [why] if why else []
     for k, parameter in enumerate(sought.parameters):
         if is_lost[:, k].any():
             words = "a change by its scale is lost in round-off; take a larger one"
             remarks.append(f"{parameter.name}: {words}")
-    return replace(made, doubts=doubts, remarks=(*remarks, *made.remarks))
+    return replace(result, doubts=doubts, remarks=(*remarks, *result.remarks))
 
 
 def _run_with_derivatives(opened: Problem, sought: Sought, size: Workload, runs: Runs) -> dict:
-    """Return the row of the run; `size` is the predicted size without derivatives."""
+    """Run the problem once with all derivatives, and return the row of `derive_case`.
+
+    `size` is the predicted size of the run without derivatives. Raise `InputError` if the
+    problem is refused, or takes too long.
+    """
     count = len(sought.parameters)
-    cost = replace(size, steps=round(size.steps * (1 + PRICE * count)))
-    check_size([cost], runs.jobs, runs.most_seconds, opened.source)
-    words = f"run and {amount(count, 'derivative')}"
-    task = Task(derive_case, opened, {"sought": sought.settings()}, words, cost)
+    # a derivative takes a part of the time of each step, so it counts as more steps
+    size_with_derivatives = replace(size, steps=round(size.steps * (1 + PRICE * count)))
+    check_size([size_with_derivatives], runs.jobs, runs.most_seconds, opened.source)
+    task = Task(
+        derive_case,
+        opened,
+        settings={"sought": sought.settings()},
+        words=f"run and {amount(count, 'derivative')}",
+        size=size_with_derivatives,
+    )
     (row,) = run_tasks([task], runs)
     if row["status"] == REFUSED:
         raise InputError(row["cause"])
     return row
 
 
-def _find_lost_changes(sought: Sought, slopes: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return (quantities, parameters) where a change by a given scale is below round-off."""
+def _find_changes_below_round_off(
+    sought: Sought, slopes: np.ndarray, values: np.ndarray
+) -> np.ndarray:
+    """Return (quantities, parameters) whether a change by a given scale is below round-off.
+
+    `slopes` (quantities, parameters) are the derivatives over the widths of the parameters,
+    `values` (quantities,) the values of the quantities, empty if the run failed.
+    """
     if not len(values):
         return np.zeros(slopes.shape, bool)
+    # without a given scale the width is the size of the value
     has_scale = np.array([p.width != abs(p.value) for p in sought.parameters])
     is_small = np.abs(slopes) < LEAST_QUANTITY_CHANGE * np.abs(values)[:, None]
     return np.asarray(has_scale & (slopes != 0.0) & is_small)
@@ -208,28 +238,30 @@ def _find_lost_changes(sought: Sought, slopes: np.ndarray, values: np.ndarray) -
 def describe_weak_terms(
     opened: Problem, quantities: Sequence[Quantity], tolerance: float, runs: Runs
 ) -> str:
-    """Return on which numbers of terms the quantities of a scene hardly depend; "" if on none.
+    """Return a sentence that names the numbers of terms on which the quantities hardly depend.
 
     Hardly means: a number that doubles, or falls to zero, would change no quantity by more than
-    the tolerance, by its derivative.
+    the tolerance, by its derivative. The sentence is "" if there is no such number, and for a
+    function. If the derivatives are not found, the sentence says why. Nothing is raised then,
+    because this is only a remark of another study, `simplify`.
     """
     if not isinstance(opened, SceneProblem):
         return ""
-    listed = choose_parameters(opened, None, {})
-    chosen = tuple(p for p in listed if p.name.startswith("terms."))
-    if not chosen:
+    all_parameters = choose_parameters(opened, asked=None, scale={})
+    parameters = tuple(p for p in all_parameters if p.name.startswith("terms."))
+    if not parameters:
         return ""
     unknown = "whether numbers of terms count is not known"
-    sought = Sought(chosen, tuple(quantities), LARGEST_ERROR)
+    sought = Sought(parameters, tuple(quantities), LARGEST_ERROR)
     try:
-        answer = _answer(opened, sought, runs, check=False)
-    except InputError as error:  # as for a number at its limit: it is no mistake of `simplify`
+        result = _run_and_check(opened, sought, runs, check=False)
+    except InputError as error:  # as for a number at an end of its range
         return f"{unknown}: {error}"
-    if not np.isfinite(answer.value).all():
-        return f"{unknown}: {answer.verdict}"
-    is_weak = (np.abs(answer.elasticity) < tolerance).all(axis=0)
+    if not np.isfinite(result.value).all():
+        return f"{unknown}: {result.verdict}"
+    is_weak = (np.abs(result.elasticity) < tolerance).all(axis=0)  # for all quantities
     weak_numbers = []
-    for parameter, weak in zip(chosen, is_weak, strict=True):
+    for parameter, weak in zip(parameters, is_weak, strict=True):
         if weak:
             term = int(parameter.name.split(".")[1])  # of terms.TERM.KEY
             weak_numbers.append(f"{parameter.name} of {opened.tables['terms'][term]['type']}")
@@ -238,7 +270,7 @@ def describe_weak_terms(
     return ""
 
 
-def _check(
+def _check_by_twin_runs(
     opened: Problem,
     sought: Sought,
     slopes: np.ndarray,
@@ -247,25 +279,41 @@ def _check(
     runs: Runs,
     change: float,
 ) -> tuple[np.ndarray, str]:
-    """Return how far twin runs are from the derivatives of each quantity, and a remark.
+    """Run a pair of twin runs, and return how far they are from the derivatives, and a remark.
 
-    The distance is relative to the sum of the sizes of all derivatives. It is infinite if a twin
-    run failed; then the remark says why. `change` is the change of each parameter over its
-    width.
+    The first item, (quantities,), is the distance between the change that the twin runs measured
+    and the change that the derivatives predict, over the sum of the sizes of all derivatives.
+    It is infinite if a twin run failed; then the remark, the second item, says why. Else the
+    remark is the one of the run with derivatives.
+
+    Parameters
+    ----------
+    slopes
+        (quantities, parameters) derivatives over the widths of the parameters.
+    row
+        The row of the run with derivatives.
+    size
+        Predicted size of a run.
+    change
+        The change of each parameter over its width.
     """
+    # all parameters change in the direction that increases the first quantity
     signs = np.where(slopes[0] < 0, -1.0, 1.0)
     settings = {"sought": sought.settings(), **{key: row[key] for key in STEPS_OF_RUN}}
     tasks = []
     for sign, changes in ("+", change * signs), ("-", -change * signs):
         words = f"twin run, numbers {sign} {100 * change:g} %"
-        own_settings = settings | {"changes": changes.tolist()}
-        tasks.append(Task(run_twin, opened, own_settings, words, size))
-    plus, minus = run_tasks(tasks, runs)
-    for twin in (plus, minus):
+        twin_settings = settings | {"changes": changes.tolist()}
+        tasks.append(Task(run_twin, opened, twin_settings, words, size))
+    twin_above, twin_below = run_tasks(tasks, runs)
+    for twin in (twin_above, twin_below):
         if twin["status"] != OK:
             return np.full(len(slopes), np.inf), f"a twin run failed: {twin['cause']}"
-    measured = (np.array(plus["values"]) - np.array(minus["values"])) / (2 * change)
+    measured = (np.array(twin_above["values"]) - np.array(twin_below["values"])) / (2 * change)
     predicted = slopes @ signs
-    least_size = LEAST_QUANTITY_CHANGE * np.abs(row["values"]) / WIDE_CHANGE + np.finfo(float).tiny
+    # Where all derivatives are about 0, the distance is compared with round-off of the runs. The
+    # smallest number is added so that nothing is divided by 0.
+    least_size = LEAST_QUANTITY_CHANGE * np.abs(row["values"]) / WIDE_CHANGE
+    least_size = least_size + np.finfo(float).tiny
     size_of_all = np.maximum(np.abs(slopes).sum(axis=1), least_size)
     return np.abs(measured - predicted) / size_of_all, row["why"]

@@ -67,7 +67,11 @@ class Sensitivity(StudyResult):
         return FAILED
 
     def figure(self) -> Figure:
-        """Return a panel of bars for each quantity, the largest elasticity first."""
+        """Return a panel of bars for each quantity, the largest elasticity first.
+
+        The length of a bar is the size of the change; it is red if the quantity falls when the
+        parameter changes by 1 %.
+        """
         elasticity = np.atleast_2d(self.elasticity)
         signs = np.sign(np.atleast_1d(self.value))
         height = 1.2 + 0.3 * len(self.parameters)
@@ -89,9 +93,12 @@ def make_result(
     row: Mapping,
     slopes: np.ndarray,
     checked: np.ndarray,
-    single: bool,
+    is_single: bool,
 ) -> Sensitivity:
-    """Return the result of a run with derivatives.
+    """Return the result of a run with derivatives, with verdict, table and remarks.
+
+    All derivatives of a quantity are NaN if the twin runs differ by more than `LARGEST_ERROR`
+    from them.
 
     Parameters
     ----------
@@ -101,8 +108,9 @@ def make_result(
         (quantities, parameters) derivatives by the parameters over their widths.
     checked
         (quantities,) relative distance of the twin runs; NaN where they did not run.
-    single
-        Whether a single quantity was asked for, not a list.
+    is_single
+        Whether a single quantity was asked for, not a list: then the result has numbers in place
+        of arrays with one quantity.
     """
     parameters = sought.parameters
     quantities = sought.quantities
@@ -110,6 +118,7 @@ def make_result(
     is_wrong = checked > LARGEST_ERROR
     slopes = np.where(is_wrong[:, None], np.nan, slopes)
     derivative = slopes / np.array([p.width for p in parameters])
+    # the elasticity is NaN at a parameter of 0: 1 % of it is no change
     parameter_values = np.array([p.value or np.nan for p in parameters])
     with np.errstate(divide="ignore", invalid="ignore"):
         elasticity = derivative * parameter_values / values[:, None]
@@ -124,36 +133,37 @@ def make_result(
     remarks: tuple[str, ...] = ()
     if is_wrong.any():
         remarks = (_guess_reason(opened),)
-    chosen = 0 if single else slice(None)
+    quantity_index = 0 if is_single else slice(None)
     return Sensitivity(
         title=opened.name,
-        verdict="\n".join(dict.fromkeys(sentences)),
-        table=Table(tuple(_table_rows(sought, derivative, elasticity, single))),
+        verdict="\n".join(dict.fromkeys(sentences)),  # each sentence once
+        table=Table(tuple(_table_rows(sought, derivative, elasticity, is_single))),
         parameters=tuple(p.name for p in parameters),
         quantities=tuple(quantity.text for quantity in quantities),
-        value=values[chosen],
-        derivative=derivative[chosen],
-        elasticity=elasticity[chosen],
-        checked=checked[chosen],
+        value=values[quantity_index],
+        derivative=derivative[quantity_index],
+        elasticity=elasticity[quantity_index],
+        checked=checked[quantity_index],
         remarks=remarks,
     )
 
 
 def _table_rows(
-    sought: Sought, derivative: np.ndarray, elasticity: np.ndarray, single: bool
+    sought: Sought, derivative: np.ndarray, elasticity: np.ndarray, is_single: bool
 ) -> list[dict[str, Any]]:
-    """Return a row for each quantity and parameter.
+    """Return a row of the table for each quantity and parameter.
 
     The rows of a single quantity do not name it; they are sorted, the largest elasticity first.
+    `derivative` and `elasticity` are (quantities, parameters).
     """
     rows = []
     for i, quantity in enumerate(sought.quantities):
         for k, parameter in enumerate(sought.parameters):
-            row: dict[str, Any] = {} if single else {"quantity": quantity.text}
+            row: dict[str, Any] = {} if is_single else {"quantity": quantity.text}
             row |= {"parameter": parameter.name, "value": parameter.value}
             row |= {"derivative": derivative[i, k], "% for 1 %": elasticity[i, k]}
             rows.append(row)
-    if single:
+    if is_single:
         rows.sort(key=lambda row: -abs(np.nan_to_num(row["% for 1 %"])))
     return rows
 
@@ -166,7 +176,19 @@ def _describe_quantity(
     parameters: Sequence[Parameter],
     checked: float,
 ) -> str:
-    """Return the largest three changes of a quantity, and how they were checked."""
+    """Return a sentence on the largest three changes of a quantity, and how they were checked.
+
+    If the twin runs do not agree with the derivatives, the sentence says only this.
+
+    Parameters
+    ----------
+    unit
+        SI unit of the quantity.
+    slopes
+        (parameters,) derivatives over the widths of the parameters.
+    checked
+        Relative distance of the twin runs; NaN if they did not run.
+    """
     begin = f"{quantity.text} = {value:.6g} {unit}".strip()
     if checked > LARGEST_ERROR:
         distance = "more than 100 %"
@@ -198,7 +220,10 @@ def _describe_change(p: Parameter, slope: float, value: float, unit: str) -> str
 
 
 def _guess_reason(opened: Problem) -> str:
-    """Return the likely reason why there is no derivative."""
+    """Return a sentence with the likely reason why there is no derivative.
+
+    The first that the problem has counts: friction, contact, else folds or chaos.
+    """
     system = opened.first.system
     if any(parameters_of(term).get("friction") for term in system.terms):
         return "friction: a node that changes between rest and sliding leaves no derivative"

@@ -30,6 +30,9 @@ def setup_of_function(
 ) -> Setup:
     """Call the user's function with the settings that it takes and return its setup.
 
+    Raise `InputError` if the function does not return cloth, system, method and start, or does
+    not take a setting.
+
     Parameters
     ----------
     settings
@@ -42,7 +45,7 @@ def setup_of_function(
         Divides the tolerance of the solver; None leaves it as it is.
     """
     name = getattr(function, "__name__", "problem")
-    if "grading" in settings:  # from JSON
+    if "grading" in settings:  # the tables of gradings, as a case has them
         entries: Any = settings["grading"]
         settings = {**settings, "grading": [Grading(**entry) for entry in entries]}
     returned = function(**accepted(function, settings))
@@ -52,17 +55,24 @@ def setup_of_function(
     if not (isinstance(system, System) and isinstance(start, State)):
         raise InputError(f"the function {name}", RETURNS, "problem")
     newton = Newton()
-    if sharper is not None:  # "auto" may leave more than levels differ by
+    if sharper is not None:  # the tolerance "auto" may leave larger errors than levels differ by
         newton = Newton(tolerance=newton.residual / sharper)
     steps = None
     load_steps = max((term.load_steps for term in system.bound), default=1)
     if t_end is not None:
         fixed_dt = None if method.traits.chooses_dt else dt
         steps = choose_steps(method, fixed_dt, {})
-    elif load_steps > 1:  # the place of rest depends on the way there
+    elif load_steps > 1:  # a term says that the equilibrium depends on how the loads grow
         steps = LoadSteps(load_steps)
-        t_end = 1.0
-    return Setup(system, start, steps, t_end, newton, probes=tuple(probes))
+        t_end = 1.0  # all of the loads
+    return Setup(
+        system=system,
+        start=start,
+        steps=steps,
+        t_end=t_end,
+        newton=newton,
+        probes=tuple(probes),
+    )
 
 
 def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, object]:
@@ -71,13 +81,15 @@ def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, ob
     Raises `InputError` for any other setting that it does not take.
     """
     parameters = inspect.signature(function).parameters
-    if any(item.kind is inspect.Parameter.VAR_KEYWORD for item in parameters.values()):
+    kinds = [parameter.kind for parameter in parameters.values()]
+    if inspect.Parameter.VAR_KEYWORD in kinds:  # **settings takes any argument
         return dict(settings)
     unknown = sorted(set(settings) - set(parameters) - {"h", "dt"})
     if unknown:
-        what = f"{unknown[0]} = {settings[unknown[0]]!r}"
+        name = unknown[0]
         allowed = f"the function takes {', '.join(parameters) or 'nothing'}"
-        raise InputError(what, allowed, "problem", did_you_mean(unknown[0], parameters))
+        remedy = did_you_mean(name, parameters)
+        raise InputError(f"{name} = {settings[name]!r}", allowed, "problem", remedy)
     return {key: value for key, value in settings.items() if key in parameters}
 
 
@@ -90,7 +102,12 @@ def table_of_grading(grading: Grading) -> dict[str, object]:
 
 
 def describe_term(term: Any, number: int) -> dict:
-    """Return a term as a table for edits; `number` is its place in the system, from 0."""
+    """Return a term as a table, which an edit may change and `with_terms` reads again.
+
+    `number` is the place of the term in the system, from 0. The table has only what edits of
+    studies change or look at: the type, the strain measure, the gap, and whether a rest shape is
+    given.
+    """
     table: dict = {"type": type(term).__name__, "number": number}
     parameters = parameters_of(term)
     if isinstance(parameters.get("strain"), str):
@@ -105,7 +122,10 @@ def describe_term(term: Any, number: int) -> dict:
 
 
 def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
-    """Return the setup with these terms; pins clamp only if one of them holds normals."""
+    """Return the setup with the terms of these tables in place of its own.
+
+    If there is no term with which clamped pins can hold the normals of the cloth, no pin clamps.
+    """
     system: Any = setup.system
     new_terms = tuple(_make_term(term, system.terms) for term in terms)
     pins = system.pins
@@ -122,7 +142,11 @@ def _without_clamp(pin: Any) -> Any:
 
 
 def _make_term(table: Mapping, own_terms: Sequence) -> Any:
-    """Return the term of a table: one of the system, perhaps changed, or a new one."""
+    """Return the term of a table that `describe_term` made, and an edit may have changed.
+
+    It is the term of the system with the number in the table, with the strain measure and the
+    gap of the table. A table without a number is of another term, with its defaults.
+    """
     if "number" not in table:
         return getattr(all_terms, table["type"])()
     term = own_terms[table["number"]]

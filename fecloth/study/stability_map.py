@@ -14,6 +14,7 @@ from fecloth.study.change import describe_values
 from fecloth.study.chart_grid import known_names
 from fecloth.study.figures import MOST_GROUPS, Figure
 from fecloth.study.opened import Opened, open_study
+from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_problems import Task, print_warnings, refuse_huge
 from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
@@ -63,18 +64,19 @@ class StabilityMap(StudyResult):
         return draw_map(self)
 
     def notes(self) -> list[str]:
-        """Sentences on what "holds" means, and on runs that were stopped."""
+        """Sentences on the columns, on stopped runs, and on methods outside of the figure."""
         lines = [
             "Longest step: up to it the runs reach the end, make at most 5 % of the energy that "
             "moves, and do not warn. Longer steps may be wrong and yet not fail.",
             "Predicted limit: critical_dt at the start; none if every step is stable in small "
             "motions.",
         ]
-        if stopped := [row for row in self.cells if row["status"] not in JUDGED]:
-            words = f"{stopped[0]['status']}: {stopped[0]['cause']}"
+        # such a run, as one above the time limit, neither holds nor fails
+        if stopped_runs := [row for row in self.cells if row["status"] not in JUDGED]:
+            words = f"{stopped_runs[0]['status']}: {stopped_runs[0]['cause']}"
             count = "1 run says"
-            if len(stopped) > 1:
-                count = f"{len(stopped)} runs say"
+            if len(stopped_runs) > 1:
+                count = f"{len(stopped_runs)} runs say"
             lines.append(f"{count} nothing about the step; the first: {words}")
         if len(self.methods) > MOST_GROUPS:
             lines.append(f"The figure shows the first {MOST_GROUPS} methods, the table all.")
@@ -131,7 +133,9 @@ def stability(
     allowed = f"must be names of {', '.join(ALL_METHODS)}"
     if isinstance(names, str) or not names:
         raise InputError(f"methods = {names!r}", allowed, "stability")
-    chosen = known_names("method", names, ALL_METHODS, allowed, "stability")
+    chosen_methods = known_names(
+        "method", names, known=ALL_METHODS, allowed=allowed, where="stability"
+    )
     ranges: dict[str, list] = {}
     if over:
         ranges = variants.read_ranges(over)
@@ -140,72 +144,94 @@ def stability(
     opened = variants.with_first_values(study.problem, ranges)
     runs = study.runs(LONGEST_CASE)
     refuse_huge(opened, runs)
-    warned = print_warnings(opened)
-    listed = variants.make_or_refuse(
-        lambda values: list_runs(values, variants.vary(opened, values), chosen), combinations
-    )
-    tried = []  # combinations that run
-    tasks: list[Task] = []
-    refused_cells = []
-    for values, item in zip(combinations, listed, strict=True):
-        if isinstance(item, list):
-            tried.append(values)
-            tasks += item
-            continue
-        for method in chosen:
-            cell = {"method": method, **values, "dt": None, "steps": None}
-            refused_cells.append({**cell, **item, "predicted": None})
+    doubts = print_warnings(opened)
+    tried_combinations, tasks, refused_cells = _list_tasks(opened, combinations, chosen_methods)
     cells = run_all(tasks, runs) + refused_cells
-    rows = [_table_row(method, values, cells) for method in chosen for values in combinations]
+    rows = [
+        _table_row(method, values, cells) for method in chosen_methods for values in combinations
+    ]
     return StabilityMap(
         title=opened.name,
-        doubts=warned,
-        verdict=_verdict(tried, chosen, cells),
+        doubts=doubts,
+        verdict=_verdict(tried_combinations, chosen_methods, cells),
         table=Table(tuple(rows)),
         keys=tuple(ranges),
-        methods=tuple(chosen),
+        methods=tuple(chosen_methods),
         cells=Table(tuple(cells)),
     )
 
 
+def _list_tasks(
+    opened: Problem, combinations: Sequence[dict], methods: Sequence[str]
+) -> tuple[list[dict], list[Task], list[dict]]:
+    """Return the combinations of values that run, all their runs, and the cells of the others.
+
+    A combination that the problem refuses does not run: its cells, one for each method, have the
+    reason. Raise `InputError` if all combinations are refused.
+    """
+    runs_of_combinations = variants.make_or_refuse(
+        lambda values: list_runs(values, variants.vary(opened, values), methods), combinations
+    )
+    tried_combinations = []
+    tasks: list[Task] = []
+    refused_cells = []
+    for values, runs_or_refusal in zip(combinations, runs_of_combinations, strict=True):
+        if isinstance(runs_or_refusal, list):
+            tried_combinations.append(values)
+            tasks += runs_or_refusal
+            continue
+        for method in methods:
+            cell = {"method": method, **values, "dt": None, "steps": None}
+            refused_cells.append({**cell, **runs_or_refusal, "predicted": None})
+    return tried_combinations, tasks, refused_cells
+
+
 def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Mapping]:
-    """Return the runs of a method with a combination of values."""
-    wanted = {"method": method, **values}
-    return [cell for cell in cells if all(cell[key] == value for key, value in wanted.items())]
+    """Return the cells of the runs of a method with a combination of values."""
+    settings = {"method": method, **values}
+    return [cell for cell in cells if all(cell[key] == value for key, value in settings.items())]
 
 
 def _table_row(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
-    """Return the measured and the predicted limit of a method, and what happens above."""
-    own = _cells_of(method, values, cells)
-    longest = range_of(own)
-    predicted = own[0]["predicted"]
-    above = ""
-    for cell in own:
-        if cell["dt"] == longest[1] and cell["status"] in (WRONG, FAILED):
-            above = f"{cell['status']}: {stability_words.shorten(cell['cause'])}"
+    """Return the row of the table for a method with a combination of values.
+
+    It has the measured limit as a range, the predicted limit, and what happens with the next
+    longer step. `cells` are the rows of all runs.
+    """
+    own_cells = _cells_of(method, values, cells)
+    measured_range = range_of(own_cells)
+    predicted = own_cells[0]["predicted"]  # the same in all of them
+    next_step = ""
+    for cell in own_cells:
+        # the second dt of the measured range is the shortest step that does not hold
+        if cell["dt"] == measured_range[1] and cell["status"] in (WRONG, FAILED):
+            next_step = f"{cell['status']}: {stability_words.shorten(cell['cause'])}"
             break
-    if own[0]["status"] == REFUSED:
-        above = f"{REFUSED}: {own[0]['cause']}"
+    if own_cells[0]["status"] == REFUSED:  # as of a combination that the problem refuses
+        next_step = f"{REFUSED}: {own_cells[0]['cause']}"
     return {
         "method": method,
         **values,
-        "longest step": stability_words.describe_range(longest),
-        "does not fail up to": stability_words.describe_range(range_of(own, (OK, WRONG))),
+        "longest step": stability_words.describe_range(measured_range),
+        "does not fail up to": stability_words.describe_range(range_of(own_cells, (OK, WRONG))),
         "predicted limit": stability_words.describe_limit(predicted),
-        "measured over predicted": stability_words.describe_ratio(longest, predicted),
-        "next step": above,
+        "measured over predicted": stability_words.describe_ratio(measured_range, predicted),
+        "next step": next_step,
     }
 
 
 def _verdict(combinations: Sequence[Mapping], methods: Sequence[str], cells: Sequence) -> str:
-    """Return which method holds the longest step, for each combination of values."""
-    words = {}
+    """Return which method holds the longest step, on a line for each combination of values.
+
+    If it is the same for all combinations, there is only one line.
+    """
+    best_of_values = {}
     for values in combinations:
         ranges = {method: range_of(_cells_of(method, values, cells)) for method in methods}
-        words[describe_values(values)] = stability_words.describe_best(ranges)
-    if len(set(words.values())) == 1:
-        (best,) = set(words.values())
-        if len(words) == 1:
+        best_of_values[describe_values(values)] = stability_words.describe_best(ranges)
+    if len(set(best_of_values.values())) == 1:
+        (best,) = set(best_of_values.values())
+        if len(best_of_values) == 1:
             return best
         return f"at every value {best}"
-    return "\n".join(f"{name}: {best}" for name, best in words.items())
+    return "\n".join(f"{name}: {best}" for name, best in best_of_values.items())

@@ -15,7 +15,7 @@ from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.setup import Setup
 from fecloth.stability.critical_step import critical_dt
-from fecloth.study.change import FIRST, describe_values
+from fecloth.study.change import FIRST_LEVEL, describe_values
 from fecloth.study.measured_runs import measure
 from fecloth.study.problems import Problem
 from fecloth.study.run_problems import Runs, Task, doubts_of, run_tasks
@@ -58,8 +58,9 @@ def make_method(name: str) -> Any:
 def counts_of(span: float, predicted: float | None) -> list[int]:
     """Return the numbers of steps: around a predicted limit, or from 8 to 256 without one.
 
-    With steps of r limits the stiffest mode grows by exp(2 arcosh r) in each step: the two runs
-    next to the limit are so close to it that this is seen within the run.
+    `span` is the length of the run, `predicted` the limit of the step [s]. With steps of r times
+    the limit the stiffest mode grows by the factor exp(2 arcosh r) in each step. So r of the two
+    runs next to the limit is as close to 1 as still shows this growth within the run.
     """
     if not predicted or math.isinf(predicted):
         doublings = round(math.log2(MOST_STEPS / FEWEST_STEPS))
@@ -70,14 +71,18 @@ def counts_of(span: float, predicted: float | None) -> list[int]:
 
 
 def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[str]) -> list[Task]:
-    """Return the runs of a problem, with these values of its keys, by each method."""
-    problem = problem.refined(FIRST)
-    listed = list[Task]()
+    """Return the runs of a problem with each method, with steps from long to short.
+
+    `values` are the values of the varied keys, which the problem has already; they are for the
+    rows and the progress lines. Raise `InputError` for an equilibrium.
+    """
+    problem = problem.refined(FIRST_LEVEL)
+    tasks = list[Task]()
     setup = problem.first
     span = span_of(problem.first)
     for name in methods:
         limit = None
-        with suppress(SolveFailed):  # then it is not known
+        with suppress(SolveFailed):  # then the limit is not known
             limit = critical_dt(setup.system, setup.start, make_method(name))
         for count in counts_of(span, limit):
             words = [name, amount(count, "step")]
@@ -92,59 +97,68 @@ def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[
                 size=Workload(len(setup.cloth.triangles), count, name in EXPLICIT),
                 cells=cells | {"predicted": limit},
             )
-            listed.append(task)
-    return listed
+            tasks.append(task)
+    return tasks
 
 
-def run_all(listed: Sequence[Task], runs: Runs) -> list[dict]:
-    """Print the size of all runs, and what a minute is enough for; return a row for each run."""
-    offer = offer_less(listed, runs.jobs)
+def run_all(tasks: Sequence[Task], runs: Runs) -> list[dict]:
+    """Run all tasks of a map, and return a row for each.
+
+    First print the size of all runs and, if they take more than a minute, which of them take
+    less. Raise `InputError` if they would take longer than `runs.most_seconds`.
+    """
+    offer = offer_less(tasks, runs.jobs)
     remedy = f"{offer or 'fewer methods or values'}; {ANYWAY}"
-    sizes = [run.size for run in listed]
-    where = listed[0].problem.source
+    sizes = [task.size for task in tasks]
+    where = tasks[0].problem.source
     check_size(sizes, runs.jobs, runs.most_seconds, where, remedy)
     if offer:
         print(offer, file=sys.stderr, flush=True)
-    rows = run_tasks(listed, runs)
-    return [_make_row(run, row) for run, row in zip(listed, rows, strict=True)]
+    rows = run_tasks(tasks, runs)
+    return [_make_row(task, row) for task, row in zip(tasks, rows, strict=True)]
 
 
-def offer_less(listed: Sequence[Task], jobs: int) -> str:
-    """Return which methods, or which h, take a minute; "" where all take no longer."""
-    costs = dict.fromkeys((run.settings["method"] for run in listed), 0.0)
-    for run in listed:
-        costs[run.settings["method"]] += run.size.seconds / jobs
-    if sum(costs.values()) <= MINUTE:
+def offer_less(tasks: Sequence[Task], jobs: int) -> str:
+    """Return in words which part of the map takes a minute at most, by the predicted times.
+
+    That may be the fastest methods, or all methods on a coarser mesh. Return "" if the whole map
+    takes a minute at most, or if no part does. `jobs` is the number of processes.
+    """
+    seconds_of = dict.fromkeys((task.settings["method"] for task in tasks), 0.0)
+    for task in tasks:
+        seconds_of[task.settings["method"]] += task.size.seconds / jobs
+    if sum(seconds_of.values()) <= MINUTE:
         return ""
-    fitting = []
-    spent = 0.0
-    for method in sorted(costs, key=lambda name: costs[name]):
-        spent += costs[method]
-        if spent <= MINUTE:
-            fitting.append(method)
-    ways = []
-    if fitting:
-        ways.append(f"the methods {', '.join(fitting)}")
-    h = listed[0].problem.h
-    for k in (2, 4, 8, 16):
-        if h and sum(run.size.coarser(k).seconds for run in listed) <= MINUTE * jobs:
-            ways.append(f"all methods with h = {k * h:.3g} m")
+    fast_methods = []
+    seconds = 0.0
+    for method in sorted(seconds_of, key=lambda name: seconds_of[name]):
+        seconds += seconds_of[method]
+        if seconds <= MINUTE:
+            fast_methods.append(method)
+    offers = []
+    if fast_methods:
+        offers.append(f"the methods {', '.join(fast_methods)}")
+    h = tasks[0].problem.h
+    for factor in (2, 4, 8, 16):
+        if h and sum(task.size.coarser(factor).seconds for task in tasks) <= MINUTE * jobs:
+            offers.append(f"all methods with h = {factor * h:.3g} m")
             break
-    if ways:
-        return f"within a minute: {', or '.join(ways)}"
+    if offers:
+        return f"within a minute: {', or '.join(offers)}"
     return ""
 
 
 def run_with(problem: Problem, method: str, count: int) -> dict:
-    """Run a problem with a method and a number of steps.
+    """Run a problem with a method, named as in a scene, and `count` equal steps.
 
-    The row has the energy that the method made, the first warning, and the CPU seconds.
+    Return a row with the energy that the method `made`, over the energy that moved, the first
+    `warning` or "", and the CPU seconds.
     """
     setup = problem.setup()
     steps = FixedStep(make_method(method), span_of(setup) / count)
     names = setup.energies
     row = measure(replace(setup, steps=steps, probes=()), names)
-    # That the cloth passes through itself says nothing about the steps.
+    # A warning that the cloth passes through itself says nothing about the steps.
     doubts = [doubt for doubt in doubts_of(row) if doubt.kind is not DoubtKind.INTERSECTION]
     energies = {name: np.array(row["columns"][name]) for name in names if name in row["columns"]}
     return {
@@ -155,9 +169,12 @@ def run_with(problem: Problem, method: str, count: int) -> dict:
 
 
 def energy_made(energies: Mapping[str, np.ndarray]) -> float:
-    """Return the largest energy that start, loads and pins cannot give, over the moving energy.
+    """Return the largest energy that the method made, over the largest energy that moved.
 
-    Dissipated energy is not added, because its sum over large steps is too large.
+    The made energy is what the total has gained since the start, without the work of loads and
+    pins. Dissipated energy is not added, because its sum over large steps is too large. The
+    energy that moved is the sum of the changes of all energies, and of the work. `energies` are
+    the columns of a run [J]; the result is at least 0.
     """
     parts = []  # energies of the terms, and the kinetic energy
     work = energies["pins"]
@@ -166,15 +183,20 @@ def energy_made(energies: Mapping[str, np.ndarray]) -> float:
             work = work + values
         elif ":" not in name and name not in (*SUMS, "t"):
             parts.append(values)
-    gain = energies["total"] - energies["total"][0] - work
-    moved = abs(work) + sum(abs(values - values[0]) for values in parts)
-    return max(0.0, float(gain.max() / max(moved.max(), 1e-300)))
+    made_energy = energies["total"] - energies["total"][0] - work
+    moved_energy = abs(work) + sum(abs(values - values[0]) for values in parts)
+    largest_moved = max(moved_energy.max(), 1e-300)  # 1e-300 if nothing moved
+    return max(0.0, float(made_energy.max() / largest_moved))
 
 
-def _make_row(run: Task, row: Mapping) -> dict:
-    """Return the row of a run: "ok", "wrong", "failed", or the status of a stopped case."""
-    cells = dict(run.cells)
-    predicted = cells.pop("predicted")
+def _make_row(task: Task, row: Mapping) -> dict:
+    """Return the row of a run in the map, from its task and the row of `run_with`.
+
+    Its status is "ok", "wrong", "failed", or the status of a case that was stopped. A run that
+    reached its end is "wrong" if the method made too much energy, or if it warned.
+    """
+    cells = dict(task.cells)
+    predicted = cells.pop("predicted")  # it is the last column
     cells["status"] = row["status"]
     cells["cause"] = str(row["cause"]).partition("\n")[0]
     if row["status"] == OK and row["made"] > WRONG_ENERGY:

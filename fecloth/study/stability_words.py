@@ -15,8 +15,9 @@ Range = tuple[float, float]  # longest dt that holds, shortest longer one that d
 def range_of(cells: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) -> Range:
     """Return the longest dt up to which all runs hold, and the next longer one, which does not.
 
-    A run holds if its status is one of `held`. The first dt is 0 if the shortest step does not
-    hold; the second is infinite if all steps hold. Both are so if no run says anything.
+    A run holds if its status is one of `held`. A run that was stopped is left out, because it
+    says nothing. The first dt is 0 if the shortest step does not hold; the second is infinite if
+    all steps hold. If all runs are left out, the range is 0 and infinite. Times are in s.
     """
     longest = 0.0
     for cell in sorted(cells, key=lambda cell: cell["dt"]):
@@ -29,7 +30,10 @@ def range_of(cells: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) 
 
 
 def describe_range(longest: Range) -> str:
-    """Return a range of steps in words, as "1.2–1.3 ms"."""
+    """Return a range of steps in words, as "1.2–1.3 ms".
+
+    Without a step that holds it is as "< 1.3 ms", without one that does not hold as "≥ 1.2 ms".
+    """
     low, high = longest
     if low == 0.0:
         if math.isinf(high):
@@ -42,7 +46,10 @@ def describe_range(longest: Range) -> str:
 
 
 def describe_ratio(longest: Range, predicted: float | None) -> str:
-    """Return the measured range over the predicted limit; "" without a limit above 0."""
+    """Return the measured range over the predicted limit in words, as "0.94–1.1".
+
+    Return "" without a predicted limit above 0, or if the measured range is not known.
+    """
     low, high = longest
     if not predicted or math.isinf(predicted) or (low == 0.0 and math.isinf(high)):
         return ""
@@ -54,7 +61,7 @@ def describe_ratio(longest: Range, predicted: float | None) -> str:
 
 
 def describe_limit(predicted: float | None) -> str:
-    """Return a predicted limit in words."""
+    """Return a predicted limit [s] in words; None is not known, infinite is none."""
     if predicted is None:
         return "not known"
     if math.isinf(predicted):
@@ -65,11 +72,16 @@ def describe_limit(predicted: float | None) -> str:
 
 
 def describe_best(ranges: Mapping[str, Range]) -> str:
-    """Return which method holds the longest step, or which methods tie."""
+    """Return a sentence on which method holds the longest step, or which methods tie.
+
+    `ranges` are the ranges of `range_of` by the name of the method. Methods tie if their ranges
+    overlap: then the measured limits may be the same.
+    """
     longest = max((low for low, _ in ranges.values()), default=0.0)
     if longest == 0.0:
         return "no method holds at a step that was tried"
     # The methods that hold the longest step, or may hold it: their range does not end below it.
+    # 1e-9 is for round-off: steps of two methods that should be equal may differ by it.
     best = {
         name: (low, high)
         for name, (low, high) in ranges.items()
@@ -81,7 +93,9 @@ def describe_best(ranges: Mapping[str, Range]) -> str:
     highest = max(high for _, high in best.values())
     if not others:
         words = f"{last} holds the longest step, {range_words}"
-        return f"{words}, the longest that was tried" if math.isinf(highest) else words
+        if math.isinf(highest):
+            return f"{words}, the longest that was tried"
+        return words
     names = f"{', '.join(others)} and {last} tie"
     have_same_range = lowest > longest * (1 - 1e-9) and len({h for _, h in best.values()}) == 1
     if have_same_range and math.isinf(highest):
@@ -128,7 +142,11 @@ LIMIT: dict[str, Any] = {"color": "black", "lw": 2, "label": "predicted limit"}
 
 
 def draw_map(stability: Any) -> Figure:
-    """Draw the runs of a `StabilityMap`; the line is the predicted limit of explicit methods."""
+    """Draw the runs of a `StabilityMap`: dt of each run over the values of the varied keys.
+
+    There is a panel for each of the first eight methods. Marks show how a run ended; the line
+    is the predicted limit of explicit methods.
+    """
     methods = stability.methods[:MOST_GROUPS]
     columns = min(COLUMNS, len(methods))
     rows = math.ceil(len(methods) / columns)
@@ -138,39 +156,45 @@ def draw_map(stability: Any) -> Figure:
     cells = stability.cells
     values = [tuple(cell[key] for key in stability.keys) for cell in cells]
     x = _places(values)
-    for ax, method in zip(panels, methods, strict=False):
-        own = [i for i, cell in enumerate(cells) if cell["method"] == method]
-        _draw_runs(ax, [cells[i] for i in own], [x[i] for i in own])
+    for ax, method in zip(panels, methods, strict=False):  # more panels may be left over
+        runs_of_method = [i for i, cell in enumerate(cells) if cell["method"] == method]
+        _draw_runs(ax, [cells[i] for i in runs_of_method], [x[i] for i in runs_of_method])
         ax.set_title(method.replace("_", " "), fontsize=11)
     steps = [cell["dt"] for cell in cells if cell["dt"]]
     are_numbers = not isinstance(x[0], str)
-    first = panels[0]
-    first.set(yscale="log", ylim=(min(steps) / 1.5, max(steps) * 1.5))
-    if are_numbers and max(x) >= 10 * min(x):
-        first.set(xscale="log", xlim=(min(x) / 1.5, max(x) * 1.5))
+    first_panel = panels[0]  # all panels share its axes
+    first_panel.set(yscale="log", ylim=(min(steps) / 1.5, max(steps) * 1.5))
+    if are_numbers and max(x) >= 10 * min(x):  # a decade or more
+        first_panel.set(xscale="log", xlim=(min(x) / 1.5, max(x) * 1.5))
     elif not are_numbers:
-        first.set_xlim(-0.6, len(set(x)) - 0.4)
+        first_panel.set_xlim(-0.6, len(set(x)) - 0.4)
+    # the lowest panel of each column has the labels of the axis
     for ax in panels[max(len(methods) - columns, 0) : len(methods)]:
         ax.tick_params("x", labelbottom=True)
-        if not are_numbers and max(map(len, x)) > 6:
+        if not are_numbers and max(map(len, x)) > 6:  # longer texts would overlap
             ax.tick_params("x", rotation=30)
     for ax in panels[len(methods) :]:
         ax.set_axis_off()
     drawing.supylabel("time step [s]")
     if stability.keys:
         drawing.supxlabel(", ".join(stability.keys))
-    lines = {}  # a line of any panel by its label
+    _draw_legend(drawing, panels)
+    return drawing
+
+
+def _draw_legend(drawing: Figure, panels: Iterable[Any]) -> None:
+    """Draw one legend for all panels above them, with each label once."""
+    line_of = {}  # a line of any panel, by its label
     for ax in panels:
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            lines[label] = handle
+        for line, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            line_of[label] = line
     drawing.legend(
-        list(lines.values()),
-        list(lines),
+        list(line_of.values()),
+        list(line_of),
         loc="outside upper center",
-        ncols=len(lines),
+        ncols=len(line_of),
         frameon=False,
     )
-    return drawing
 
 
 def _places(values: Sequence[tuple]) -> list:
@@ -184,10 +208,14 @@ def _places(values: Sequence[tuple]) -> list:
 
 
 def _draw_runs(ax, cells: Sequence[Mapping], x: Sequence) -> None:
-    """Draw the runs of a method at their places x, and the predicted limit."""
+    """Draw the runs of a method at their places x, and the predicted limit.
+
+    `cells` are the rows of the runs. A limit that is not known, 0 or infinite is not drawn. If
+    it is the same everywhere, it is a line across the panel.
+    """
     pairs = list(zip(x, cells, strict=True))
     ax.plot(x, [math.nan] * len(x), ls="")  # the axis has all places, in their order
-    for state, look in LOOKS.items():
+    for state, look in LOOKS.items():  # a label in the legend for each state
         points = [(place, cell["dt"]) for place, cell in pairs if _state_of(cell) == state]
         if points:
             places = [place for place, _ in points]
@@ -200,10 +228,10 @@ def _draw_runs(ax, cells: Sequence[Mapping], x: Sequence) -> None:
     if len(limits) == 1:
         ax.axhline(next(iter(limits.values())), **LIMIT)
     elif limits:
-        order = list(limits)
+        places = list(limits)
         if not isinstance(x[0], str):
-            order = sorted(limits)
-        ax.plot(order, [limits[place] for place in order], **LIMIT)
+            places = sorted(limits)
+        ax.plot(places, [limits[place] for place in places], **LIMIT)
 
 
 def _state_of(cell: Mapping[str, Any]) -> str:

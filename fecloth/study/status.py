@@ -43,9 +43,11 @@ def failure(status: str, cause: object) -> dict:
 
 
 def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
-    """Return the result of `function(**settings)` and how it ended: `status` and `cause`.
+    """Return the result of `function(**settings)` as a row, with its `status` and `cause`.
 
-    The time limit [CPU s] works only where the function calls `check_time_limit`.
+    An exception is not raised: then the row has only its status and, as the cause, its text.
+    After a mistake in the study or in fecloth ("error") the traceback is printed, too. The time
+    limit [CPU s] works only where the function calls `check_time_limit`.
     """
     _current_case.limit = time_limit
     if time_limit is None:
@@ -57,7 +59,7 @@ def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
     except Exception as error:
         status = _status_of(error)
         cause = str(error)
-        if status in (FAILED, ERROR):
+        if status in (FAILED, ERROR):  # the text alone may not say what kind of error it is
             cause = f"{type(error).__name__}: {cause}"
         if status == ERROR:
             traceback.print_exc(file=sys.stderr)

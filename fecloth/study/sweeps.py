@@ -13,7 +13,7 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
 from fecloth.study import run_problems, variants
-from fecloth.study.change import FIRST, describe_values
+from fecloth.study.change import FIRST_LEVEL, describe_values
 from fecloth.study.figures import Figure, line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
@@ -51,25 +51,29 @@ class Sweep(StudyResult):
     units: tuple[str, ...] = ()
 
     def figure(self) -> Figure:
-        """Return a panel for each quantity over the first key, a line for each other value."""
+        """Return a panel for each quantity, over the values of the first key.
+
+        A panel has a line for each combination of values of the other keys, and a cross for each
+        run that failed.
+        """
         drawing, axes = new_figure(len(self.quantities), 1, (8.0, 3.8 * len(self.quantities)))
-        first, *others = self.keys
-        groups: dict = {}  # rows by the values of the other keys
+        first_key, *other_keys = self.keys
+        rows_of_line: dict = {}  # rows by the values of the other keys
         for row in self.table:
-            groups.setdefault(tuple(row[key] for key in others), []).append(row)
+            rows_of_line.setdefault(tuple(row[key] for key in other_keys), []).append(row)
         for ax, name, unit in zip(np.ravel(axes), self.quantities, self.units, strict=True):
-            for i, (group, rows) in enumerate(groups.items()):
+            for i, (other_values, rows) in enumerate(rows_of_line.items()):
                 points = [row for row in rows if row.get(name) is not None]
-                x = [row[first] for row in points]
+                x = [row[first_key] for row in points]
                 y = [row[name] for row in points]
-                values = zip(others, group, strict=True)
-                words = ", ".join(f"{key} {value}" for key, value in values)
-                ax.plot(x, y, label=words, **line_style(i))
-                mark_failures(ax, rows, first, str(line_style(i)["color"]))
-            ax.set(xlabel=first, ylabel=f"{name} [{unit}]" if unit else name)
-            if _spans_decades([row[first] for row in self.table]):
+                pairs = zip(other_keys, other_values, strict=True)
+                label = ", ".join(f"{key} {value}" for key, value in pairs)
+                ax.plot(x, y, label=label, **line_style(i))
+                mark_failures(ax, rows, first_key, str(line_style(i)["color"]))
+            ax.set(xlabel=first_key, ylabel=f"{name} [{unit}]" if unit else name)
+            if _spans_decades([row[first_key] for row in self.table]):
                 ax.set_xscale("log")
-            if others:
+            if other_keys:
                 ax.legend()
         return drawing
 
@@ -82,8 +86,8 @@ def sweep(
 ) -> Sweep:
     """Run a problem for every combination of values and return quantities of each run.
 
-    A value that the problem refuses gives a row with the status "refused" and the reason. It
-    raises `InputError` for a quantity or a key that the problem refuses, or if the problem
+    A value that the problem refuses gives a row with the status "refused" and the reason.
+    Raises `InputError` for a quantity or a key that the problem refuses, or if the problem
     refuses every value.
 
     Parameters
@@ -106,27 +110,27 @@ def sweep(
     opened = variants.with_first_values(study.problem, ranges)
     runs = study.runs()
     run_problems.refuse_huge(opened, runs)
-    warned = run_problems.print_warnings(opened)
-    chosen = opened.choose_quantities(quantity)
-    listed = variants.make_or_refuse(partial(_make_point, opened), combinations)
-    points = [item for item in listed if isinstance(item, run_problems.Point)]
+    doubts = run_problems.print_warnings(opened)
+    quantities = opened.choose_quantities(quantity)
+    points_or_rows = variants.make_or_refuse(partial(_make_point, opened), combinations)
+    points = [item for item in points_or_rows if isinstance(item, run_problems.Point)]
     run_problems.check_points(points, runs)
-    rows = run_problems.run_or_skip(listed, chosen, runs)
+    rows = run_problems.run_or_skip(points_or_rows, quantities, runs)
     if all(row["status"] == REFUSED for row in rows):
         raise InputError(f"every value: {rows[0]['cause']}")
-    lines = []
+    table_rows = []
     for values, row in zip(combinations, rows, strict=True):
-        lines.append(_table_row(values, row, chosen))
-    table = Table(tuple(lines))
+        table_rows.append(_table_row(values, row, quantities))
+    table = Table(tuple(table_rows))
     names = next((row["energies"] for row in rows if row["status"] == OK), ())
     return Sweep(
         title=opened.name,
-        doubts=warned,
-        verdict=_verdict(table, chosen),
+        doubts=doubts,
+        verdict=_verdict(table, quantities),
         table=table,
         keys=tuple(ranges),
-        quantities=tuple(quantity.text for quantity in chosen),
-        units=tuple(quantity.unit(names) for quantity in chosen),
+        quantities=tuple(quantity.text for quantity in quantities),
+        units=tuple(quantity.unit(names) for quantity in quantities),
     )
 
 
@@ -134,11 +138,20 @@ def _make_point(opened: Problem, values: dict) -> run_problems.Point:
     """Return the problem with these values of its keys, to run."""
     variant = variants.vary(opened, values)
     size = variants.size_of(opened, variant)
-    return run_problems.Point(variant, FIRST, describe_values(values), size)
+    return run_problems.Point(variant, FIRST_LEVEL, describe_values(values), size)
 
 
 def _table_row(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:
-    """Return the status, the values of the keys, the quantities and the cost of a run."""
+    """Return the row of the table: status, values of the keys, quantities and cost of a run.
+
+    Parameters
+    ----------
+    values
+        The values of the varied keys.
+    row
+        The row of the run. If it failed, the table has only its status and cause. A quantity
+        that has no value in this run is left out, and the status says so.
+    """
     if row["status"] != OK:
         return {**values, **failure(row["status"], row["cause"])}
     cells = {"status": OK, **values}
@@ -153,7 +166,7 @@ def _table_row(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) ->
 
 
 def _verdict(table: Table, quantities: Sequence[Quantity]) -> str:
-    """Return the range of each quantity, and how many runs failed."""
+    """Return a sentence with the range of each quantity, and how many runs failed."""
     parts = []
     for quantity in quantities:
         values = [value for value in table[quantity.text] if isinstance(value, float)]

@@ -88,6 +88,9 @@ def estimate_uncertainty(
 ) -> Estimate:
     """Estimate how far the value of the finest level is from the limit of all levels.
 
+    Values that are equal to round-off have their range as uncertainty. Else three levels are
+    judged by the grid convergence index, more by least squares.
+
     Parameters
     ----------
     sizes
@@ -133,7 +136,12 @@ def is_reasonable(order: float, theory: float) -> bool:
 
 
 def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate:
-    """Return the estimate from three levels, fine to coarse (Roache 1994, Celik et al. 2008)."""
+    """Return the estimate from three levels, fine to coarse (Roache 1994, Celik et al. 2008).
+
+    `h` are the sizes and `values` the values of the levels, `theory` is the theoretical order P.
+    Where the values oscillate or diverge, there is no limit, and the uncertainty is three times
+    their range.
+    """
     finest = float(values[0])
     spread = float(np.ptp(values))
     without_limit = Estimate(
@@ -149,10 +157,10 @@ def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) ->
     )
     fine_change = values[1] - values[0]
     coarse_change = values[2] - values[1]
-    if fine_change * coarse_change <= 0:
+    if fine_change * coarse_change <= 0:  # the values go up and down
         return without_limit
     order = observed_order(h, values)
-    if not order > 0:
+    if not order > 0:  # the changes do not get smaller
         return replace(without_limit, order=order, behaviour="diverging")
     p = theory
     factor = UNSAFE
@@ -172,8 +180,8 @@ def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) ->
 def observed_order(h: np.ndarray, values: np.ndarray) -> float:
     """Return p of three levels, fine to coarse: (h₃^p − h₂^p)/(h₂^p − h₁^p) = Δφ₃₂/Δφ₂₁.
 
-    The order is negative where the differences grow, at least −1, and 0 where they stay the same.
-    It is NaN where their sign changes.
+    The order is at least −1 and at most `HIGHEST_FITTED_ORDER`. It is negative where the
+    differences grow, and 0 where they stay the same. It is NaN where their sign changes.
     """
     fine_change = values[1] - values[0]
     coarse_change = values[2] - values[1]
@@ -188,10 +196,11 @@ def observed_order(h: np.ndarray, values: np.ndarray) -> float:
         coarse_part = np.exp(p * log_h[1]) * np.expm1(p * (log_h[2] - log_h[1]))
         return math.log(coarse_part / fine_part) - log_change
 
+    # both parts of `mismatch` are 0 at p = 0, so it is evaluated beside 0 only
     if mismatch(-1e-9) <= 0 <= mismatch(1e-9):
         return 0.0
-    mismatch_at_zero = math.log((log_h[2] - log_h[1]) / log_h[1]) - log_change
-    if mismatch_at_zero >= 0:
+    mismatch_at_zero = math.log((log_h[2] - log_h[1]) / log_h[1]) - log_change  # its limit there
+    if mismatch_at_zero >= 0:  # it rises with p, so the order is below 0
         if mismatch(-1.0) > 0:
             return -1.0
         return float(brentq(mismatch, -1.0, -1e-9))
@@ -223,13 +232,18 @@ class _Fit:
 
 
 def _least_squares(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate:
-    """Return the estimate from four or more levels, fine to coarse (Eça and Hoekstra 2014)."""
-    weightings = [np.ones(len(h)), len(h) / h / np.sum(1 / h)]
+    """Return the estimate from four or more levels, fine to coarse (Eça and Hoekstra 2014).
+
+    `h` are the sizes and `values` the values of the levels, `theory` is the theoretical order P.
+    Where the values oscillate or diverge, there is no limit and no order, and the uncertainty is
+    at least three times the range of the three finest levels.
+    """
+    weightings = [np.ones(len(h)), len(h) / h / np.sum(1 / h)]  # equal ones, and ∝ 1/h
     free_fits = [_fit_order(h, values, weights) for weights in weightings]
-    trusted = [fit for fit in free_fits if is_reasonable(fit.order, theory)]
-    closest = min(trusted or free_fits, key=lambda fit: fit.deviation)
+    trusted_fits = [fit for fit in free_fits if is_reasonable(fit.order, theory)]
+    closest = min(trusted_fits or free_fits, key=lambda fit: fit.deviation)
     data_range = float(np.ptp(values)) / (len(h) - 1)
-    if trusted:
+    if trusted_fits:
         limit = closest.limit
         uncertainty = _uncertainty(closest, values[0], data_range, SAFE)
     else:
@@ -263,10 +277,24 @@ def _estimate_with_fixed_powers(
     free: _Fit,
     data_range: float,
 ) -> tuple[float, float]:
-    """Return limit and uncertainty where the order of the fit `free` cannot be trusted.
+    """Return limit and uncertainty where the observed order cannot be trusted.
 
-    Above the theoretical order the grid convergence index of the two finest levels is taken, if
-    its uncertainty is the smaller one.
+    They are of the best fit with fixed powers of h. If the observed order is above the
+    theoretical one, the grid convergence index of the two finest levels is taken instead, if its
+    uncertainty is the smaller one: coarse levels spoil the fits then.
+
+    Parameters
+    ----------
+    h, values
+        Size and value of each level, fine to coarse.
+    theory
+        The theoretical order P.
+    weightings
+        The weights of the levels, for each of the fits that are tried.
+    free
+        The best fit with a free order.
+    data_range
+        Δ, see the head of this file.
     """
     fits = []
     for weights in weightings:
@@ -277,9 +305,9 @@ def _estimate_with_fixed_powers(
     if free.order > theory:
         extrapolated = float(values[1] - values[0]) / ((h[1] / h[0]) ** theory - 1)
         scatter = free.deviation + abs(values[0] - free.finest)
-        index = UNSAFE * abs(extrapolated) + scatter
-        if index < uncertainty:
-            return float(values[0]) - extrapolated, index
+        convergence_index = UNSAFE * abs(extrapolated) + scatter
+        if convergence_index < uncertainty:
+            return float(values[0]) - extrapolated, convergence_index
     return fit.limit, uncertainty
 
 
@@ -303,7 +331,11 @@ def _describe_behaviour(values: np.ndarray) -> str:
 
 
 def _fixed_powers(order: float, theory: float) -> list[tuple[float, ...]]:
-    """Return the powers of the fits that are tried in place of the observed order."""
+    """Return the powers of h of each fit that is tried in place of the observed order.
+
+    A fit has one power, or two. If `order` is above P = `theory`, the powers are P − 1, but at
+    least 1, and P. Else they are 1, and P, but at least 2.
+    """
     if order > theory:
         return [(max(theory - 1, 1.0),), (theory,)]
     low = 1.0
@@ -314,7 +346,11 @@ def _fixed_powers(order: float, theory: float) -> list[tuple[float, ...]]:
 
 
 def _fit_order(h: np.ndarray, values: np.ndarray, weights: np.ndarray) -> _Fit:
-    """Return the best fit with a free order: a search on a grid, then between its neighbours."""
+    """Return the best fit with a free order p, which has the least standard deviation.
+
+    The search first tries a grid of orders; then it goes on between the neighbours of the best
+    of them.
+    """
 
     def deviation(p: float) -> float:
         return _fit_powers(h, values, weights, (p,)).deviation
@@ -330,12 +366,15 @@ def _fit_order(h: np.ndarray, values: np.ndarray, weights: np.ndarray) -> _Fit:
 def _fit_powers(
     h: np.ndarray, values: np.ndarray, weights: np.ndarray, powers: tuple[float, ...]
 ) -> _Fit:
-    """Return the fit with these powers; a single power counts as an unknown, too."""
+    """Return the fit of φ₀ + Σ α h^p to the values, by least squares with weights.
+
+    The sum is over the powers p. The sizes are divided by the largest one, which changes α only.
+    """
     design = np.column_stack([np.ones(len(h)), *((h / h[-1]) ** p for p in powers)])
     root = np.sqrt(weights)
     coefficients = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)[0]
     fitted = design @ coefficients
-    unknowns = max(1 + len(powers), 3)
+    unknowns = max(1 + len(powers), 3)  # φ₀, α and p, also where p is fixed; or φ₀ and two α
     degrees_of_freedom = max(len(h) - unknowns, 1)
     variance = np.sum(weights * (values - fitted) ** 2) / degrees_of_freedom
     return _Fit(

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.study.change import FIRST, Change, Level, describe_values
+from fecloth.study.change import FIRST_LEVEL, Change, Level, describe_values
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.status import REFUSED, failure
 from fecloth.study.workload import Workload
@@ -23,7 +23,12 @@ Over = str | Iterable[str] | Mapping[str, Sequence]
 
 
 def parse_range(text: str) -> tuple[str, list]:
-    """Return the key and its values: a:b:log:n, a:b:lin:n, or a list with commas."""
+    """Return the key and its values of a text such as "h=0.1:0.2:lin:3" or "h=0.1,0.2".
+
+    After a:b come "log" or "lin" (equal ratios or equal differences) and the number of values
+    from a to b. Raise `InputError` for a text of another form, and for more than `MOST_VALUES`
+    values or values that are not finite.
+    """
     key, equals, values = (part.strip() for part in text.partition("="))
     if not (key and equals and values):
         raise InputError(f"values {text!r}", FORM)
@@ -36,11 +41,15 @@ def parse_range(text: str) -> tuple[str, list]:
         raise InputError(f"values {text!r}", FORM) from error
     if not (1 <= len(numbers) <= MOST_VALUES and np.isfinite(numbers).all()):
         raise InputError(f"values {text!r}", f"must have 1 to {MOST_VALUES} finite values")
+    # without the round-off in the last digits
     return key, [float(f"{number:.12g}") for number in numbers]
 
 
 def read_ranges(over: Over) -> dict[str, list]:
-    """Return the values by key, from texts or from a mapping."""
+    """Return the list of values of each key, from texts or from a mapping.
+
+    Raise `InputError` for a text of another form than `parse_range` takes, and for no values.
+    """
     if isinstance(over, Mapping):
         ranges = {key: _read_values(key, values) for key, values in over.items()}
     elif isinstance(over, str):
@@ -91,27 +100,28 @@ def vary(opened: Problem, values: Mapping[str, object]) -> Problem:
 
 
 def make_or_refuse(make: Callable[[Any], Made], values: Iterable) -> list[Made | dict]:
-    """Return what `make` makes of each value, or a row with the reason if it is refused.
+    """Return what `make` makes of each value, in the order of the values.
 
-    Raises `InputError` if all values are refused.
+    If `make` raises `InputError`, a row (a dict) with the reason takes its place. If all values
+    are refused, raise `InputError`.
     """
-    made = list[Made | dict]()
+    results = list[Made | dict]()
     refusals = list[InputError]()
     for value in values:
         try:
-            made.append(make(value))
+            results.append(make(value))
         except InputError as error:
             refusals.append(error)
-            made.append(failure(REFUSED, error))
-    if len(refusals) == len(made) == 1:
+            results.append(failure(REFUSED, error))
+    if len(refusals) == len(results) == 1:  # of a single value the reason alone is clear
         raise refusals[0]
-    if len(refusals) == len(made):
+    if len(refusals) == len(results):
         raise InputError(f"every value: {refusals[0]}")
-    return made
+    return results
 
 
 def split_refused(made: Mapping[str, Made | dict]) -> tuple[dict[str, Made], dict[str, dict]]:
-    """Return what was made, and the rows of what was refused, by name."""
+    """Return two dicts by name: what was made, and the rows (dicts) of what was refused."""
     kept = {}
     refused = {}
     for name, item in made.items():
@@ -128,7 +138,7 @@ def size_of(opened: Problem, variant: Problem) -> Workload:
     For a function it follows from the size of `opened`, which the variant is made of.
     """
     if isinstance(variant, SceneProblem) or isinstance(opened, SceneProblem):
-        return variant.workload(FIRST)
+        return variant.workload(FIRST_LEVEL)
     level = Level(h=_divide(opened.h, variant.h), dt=_divide(opened.dt, variant.dt))
     return opened.workload(level)
 
@@ -146,7 +156,11 @@ def name_variant(values: Mapping[str, object]) -> str:
 
 
 def _name_value(key: str, value: object) -> str:
-    """Return the name of a value of a key; the name of a table begins with its type."""
+    """Return the name of a value of a key, as a part of the name of a variant.
+
+    It is the text itself, "key = number" without the tables of the key, or the type of a table
+    with its other values in brackets.
+    """
     if isinstance(value, Mapping):
         name = value.get("type", key)
         others = describe_values({k: v for k, v in value.items() if k != "type"})

@@ -60,7 +60,7 @@ class Workload:
         return self.triangles * BINDING + self.steps * (least + self.triangles * step)
 
     def coarser(self, k: float) -> "Workload":
-        """Return the size with k h: explicit steps are k times as long."""
+        """Return the size with edges k times as long; explicit steps are as much longer."""
         steps = self.steps
         if self.is_explicit:
             steps /= k
@@ -86,7 +86,12 @@ def count_triangles(scene: Scene) -> float:
 
 
 def _estimate_area(scene: Scene) -> float:
-    """Return the area of the cloth [m²]; of a .geo file the area of a coarse mesh."""
+    """Return the area of the cloth [m²].
+
+    For a shape without a formula it is the area of a coarse mesh, which is made quickly: first
+    with 30 h, then with ever finer edges until the shape can be meshed. Raise `InputError` if it
+    cannot be meshed with h either.
+    """
     cloth = scene.cloth
     if cloth.shape == "rectangle":
         return cloth.width * cloth.height
@@ -104,7 +109,8 @@ def _estimate_area(scene: Scene) -> float:
 def count_steps(scene: Scene) -> float:
     """Return the number of steps; a load step takes as long as several steps in time.
 
-    It is a guess, `CHOSEN_STEPS`, if an implicit run chooses its steps.
+    For an equilibrium it is the number of Newton iterations. If an implicit run chooses its
+    steps, it is a guess, `CHOSEN_STEPS`.
     """
     if scene.equilibrium:
         return LOAD_STEP * scene.equilibrium.load_steps
@@ -116,11 +122,15 @@ def count_steps(scene: Scene) -> float:
 
 
 def _count_explicit_steps(scene: Scene) -> float:
-    """Return the number of steps at the limit of waves of stretching, h / c."""
-    tables = list((scene.fabrics or {}).values())
+    """Estimate the number of stable steps of an explicit method.
+
+    The stable step is in proportion to h / c, with the speed c of waves of stretching in the
+    stiffest fabric, and the smallest h of all gradings.
+    """
+    fabric_tables = list((scene.fabrics or {}).values())
     if scene.fabric:
-        tables = [scene.fabric]
-    speed = max(wave_speed(table.make()) for table in tables if table)
+        fabric_tables = [scene.fabric]
+    speed = max(wave_speed(table.make()) for table in fabric_tables if table)
     h = scene.cloth.h or math.sqrt(EQUILATERAL * scene.mesh().area / count_triangles(scene))
     shortest = h * min([1.0, *(table.make().smallest(h) for table in scene.cloth.grading)])
     return math.ceil(_span(scene) * speed / (STABLE_STEP * shortest))
@@ -140,15 +150,15 @@ def check_size(
 ) -> None:
     """Print the size of a study before it begins: cases, triangles, steps and predicted time.
 
-    Raises `InputError`, which names `where` and ends with the `remedy`, if the predicted time is
-    above `most_seconds`.
+    Raise `InputError`, which names `where` and ends with the `remedy`, if the predicted time is
+    above `most_seconds` [s]; None is no limit. `jobs` is the number of processes, which share
+    the time.
     """
     seconds = sum(case.seconds for case in cases) / jobs
     count = amount(len(cases), "case")
-    size = (
-        f"{count}, up to {max(case.triangles for case in cases):,.0f} triangles × "
-        f"{max(case.steps for case in cases):,.0f} {cases[0].unit}"
-    )
+    most_triangles = max(case.triangles for case in cases)
+    most_steps = max(case.steps for case in cases)
+    size = f"{count}, up to {most_triangles:,.0f} triangles × {most_steps:,.0f} {cases[0].unit}"
     print(f"{size}; predicted: about {in_words(seconds)}", file=sys.stderr, flush=True)
     if most_seconds is not None and seconds > most_seconds:
         allowed = f"predicted time above {in_words(most_seconds)}"

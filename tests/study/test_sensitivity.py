@@ -238,7 +238,7 @@ def test_one_per_cent_from_the_twin_runs_is_the_limit(part, exists, monkeypatch)
     def check(opened, sought, slopes, row, size, runs, step):
         return np.array([part * 0.01]), ""
 
-    monkeypatch.setattr(sensitivities, "_check", check)
+    monkeypatch.setattr(sensitivities, "_check_by_twin_runs", check)
     answer = fc.sensitivity(strip, ["drawn"], "reaction.right.x", h=0.25)
     assert np.isfinite(answer.derivative[0]) == exists
     assert ("no derivative here" in answer.verdict) != exists

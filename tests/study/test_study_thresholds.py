@@ -21,7 +21,7 @@ from fecloth.study.parameters import Parameter
 from fecloth.study.problem import find_obstacles, is_round, is_slack_across
 from fecloth.study.refinement import other_shares
 from fecloth.study.run_problems import Task
-from fecloth.study.sensitivities import _find_lost_changes
+from fecloth.study.sensitivities import _find_changes_below_round_off
 from fecloth.study.sensitivity_result import _describe_quantity
 from fecloth.study.stability_runs import _make_row, offer_less
 from fecloth.study.uncertainty import Estimate, estimate_uncertainty
@@ -133,7 +133,7 @@ def test_a_node_pinned_without_a_neighbour_is_a_lone_pin():
 def test_a_change_below_1e_9_of_a_quantity_is_lost_if_its_scale_was_given(slope, is_lost):
     given, own = Parameter("a", 0.0, 1.0), Parameter("b", 3.0, 3.0)
     sought = Sought((given, own), (), 1e-4)
-    lost = _find_lost_changes(sought, np.array([[slope, slope]]), np.array([1.0]))
+    lost = _find_changes_below_round_off(sought, np.array([[slope, slope]]), np.array([1.0]))
     assert lost.tolist() == [[is_lost, False]]
 
 

@@ -15,7 +15,7 @@ from fecloth.simulation.quantity_values import value_of
 from fecloth.study import run_problems
 from fecloth.study.budgeting.inputs import Inputs, read_inputs, read_measured
 from fecloth.study.budgeting.result import Budget, make_budget
-from fecloth.study.change import AS_IS, FIRST, Change
+from fecloth.study.change import AS_IS, FIRST_LEVEL, Change
 from fecloth.study.command import StudyFailed
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.parameters import grouped
@@ -284,7 +284,7 @@ class Work:
             problem = self.problem.changed(Change(values=given))
         except InputError as error:
             return {"status": REFUSED, "cause": str(error)}
-        size = self.problem.workload(FIRST)
+        size = self.problem.workload(FIRST_LEVEL)
         return run_problems.Point(problem, AS_IS, name, size, disturbed=seed)
 
     def input(

@@ -14,7 +14,7 @@ from fecloth.fabric.uncertainty import CONSTANTS
 from fecloth.scene.tables import Shorthands
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.setup import Setup
-from fecloth.study.change import FIRST, Change, Level
+from fecloth.study.change import FIRST_LEVEL, Change, Level
 from fecloth.study.derived_cases import Sought
 from fecloth.study.fitting.experiment import Experiment
 from fecloth.study.fitting.measured import Measured, Reach, read_measured
@@ -68,7 +68,7 @@ class Specimen:
     @property
     def cost(self) -> Workload:
         """Predicted size of a run with derivatives."""
-        size = self.problem.workload(FIRST)
+        size = self.problem.workload(FIRST_LEVEL)
         return replace(size, steps=round(size.steps * (1 + PRICE * len(self.names))))
 
     @property

@@ -12,7 +12,7 @@ from fecloth.scene.probe_tables import Interest
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, relative_difference, size_of
-from fecloth.study.change import AS_IS, FIRST, Change
+from fecloth.study.change import AS_IS, FIRST_LEVEL, Change
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.run_problems import Point, Runs, record_at, run_or_skip
@@ -140,7 +140,7 @@ class Original:
             changed = self.problem.changed(change)
         except InputError as error:
             return failure(REFUSED, error)
-        return Point(changed, AS_IS, name, self.problem.workload(FIRST), most)
+        return Point(changed, AS_IS, name, self.problem.workload(FIRST_LEVEL), most)
 
     def compare(self, name: str, row: Mapping) -> Outcome:
         """Return changes and saving of a row against the problem, or the cause of a failure."""

@@ -10,7 +10,7 @@ from fecloth.errors import InputError
 from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.change import FIRST, Change, Level
+from fecloth.study.change import FIRST_LEVEL, Change, Level
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import RTOL_ORDER
@@ -116,10 +116,10 @@ def open_original(opened: Problem, quantity, tolerance: float, runs: Runs) -> Or
 def _sizes(opened: Problem, variants: Sequence[Variant]) -> list[Workload]:
     """Return the predicted sizes of all runs: about half of the variants are combined."""
     checks = sorted({variant.kind for variant in variants if variant.is_check})
-    levels = {"dt": Level(dt=2.0), "rtol": FIRST, "mesh": Level(h=2.0)}
+    levels = {"dt": Level(dt=2.0), "rtol": FIRST_LEVEL, "mesh": Level(h=2.0)}
     alone = 1 + len(variants) - len(checks)  # the scene, and all variants that are no checks
     combined = len(variants) // 2
-    usual = [opened.workload(FIRST)] * (alone + combined)
+    usual = [opened.workload(FIRST_LEVEL)] * (alone + combined)
     return usual + [opened.workload(levels[kind]) for kind in checks]
 
 

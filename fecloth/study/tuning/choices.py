@@ -14,7 +14,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
-from fecloth.study.change import FIRST, Change, Level
+from fecloth.study.change import FIRST_LEVEL, Change, Level
 from fecloth.study.chart_grid import ALL_METHODS, ELEMENTS, change_names, known_names
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.run_problems import Point, Runs, record_at, run_or_skip
@@ -310,7 +310,7 @@ class Bench:
         """Return what runs for a choice; a row with the reason if it is refused or too long."""
         try:
             problem = problem_with(self.opened, choice)
-            size = problem.workload(FIRST)
+            size = problem.workload(FIRST_LEVEL)
         except InputError as error:
             return failure(REFUSED, error)
         if size.seconds > (self.runs.most_seconds or math.inf):
