@@ -350,7 +350,7 @@ def drop_terms(
 def _variants(opened: SceneProblem, element: str) -> list[Variant]:
     """Return the variants of all terms, except variants that leave out a membrane.
 
-    `Springs` may be left out: they are of the kind of membranes, but ties between nodes.
+    `Springs` may be left out, although their kind is "membrane".
     """
     traits = {type(term).__name__: traits_of(term) for term in opened.first.system.terms}
     membranes = {name for name, own in traits.items() if own.kind == "membrane"}
