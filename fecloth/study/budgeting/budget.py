@@ -247,7 +247,7 @@ class Work:
             study = summarise(opened, quantity, "h", rows_of_mesh, others)
             if study.estimate is None:
                 raise StudyFailed(f"{opened.source}: {study.verdict}")
-            # shares are estimated errors: UNSAFE times an error is meant to cover the exact value
+            # shares are estimated errors: UNSAFE times as much should cover the exact value
             gap = UNSAFE * study.shares.get("gap", no_share)
             time = UNSAFE * study.shares.get("time step", no_share)
             solver = UNSAFE * study.shares.get("solver", no_share)

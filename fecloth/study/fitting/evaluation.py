@@ -244,7 +244,7 @@ class Fitting:
         return replace(self, specimens=tuple(new or old for new, old in pairs))
 
     def evaluate(self, u: np.ndarray, only_fitted: bool = True) -> Evaluation:
-        """Return the results of all specimens, or of the fitted ones only, at the unknowns u (m,).
+        """Run all specimens, or the fitted ones only, at the unknowns u (m,); return the results.
 
         A failed run gives NaN as residuals and derivatives, also if the fabric refuses its
         constants; the first cause stands in `Evaluation.cause`.

@@ -119,7 +119,9 @@ class Fit(StudyResult):
             ax.set_axis_off()
         for row, (above, below) in zip(rows, panels, strict=False):
             name = row["experiment"], row["column"]
-            points: list[Any] = [p for p in self.points if (p["experiment"], p["column"]) == name]
+            points: list[Any] = [
+                point for point in self.points if (point["experiment"], point["column"]) == name
+            ]
             _draw(above, below, row, sorted(points, key=lambda point: point["along"]))
         return drawing
 
@@ -237,8 +239,8 @@ def _describe_held(fitting: Fitting) -> Iterator[str]:
                 texts = held_values.setdefault(name.removeprefix("fabric."), {})
                 texts[f"{value:.4g}"] = None
     if held_values:
-        listed = ", ".join(f"{name} = {' and '.join(texts)}" for name, texts in held_values.items())
-        yield f"taken as given, and not measured: {listed}"
+        items = [f"{name} = {' and '.join(texts)}" for name, texts in held_values.items()]
+        yield f"taken as given, and not measured: {', '.join(items)}"
 
 
 def _describe_assumed(end: Evaluation) -> Iterator[str]:
@@ -277,8 +279,8 @@ def _table(
 def _experiments(end: Evaluation) -> list[dict[str, Cell]]:
     """Return a row for each measured column: its points, and how far the fit is off there.
 
-    "rms / sigma" is in units of the uncertainty of each point; "rms %" and "largest %" are in per
-    cent of the largest measured value. They are NaN if the run failed.
+    "rms / sigma" is in units of the uncertainty of each point. "rms %" and "largest %" are in
+    per cent of the largest measured value. They are NaN if the run failed.
     """
     rows: list[dict[str, Cell]] = []
     for column in end.columns:

@@ -143,10 +143,10 @@ def fabric_with(table: Mapping[str, Any], values: Values) -> dict[str, Any]:
         else:
             fabric[key] = value
     # `_put_in_pair` leaves None where the fabric has no number
-    half_empty = [key for key, value in fabric.items() if isinstance(value, list) and None in value]
-    if half_empty:
-        allowed = "needs both numbers of the pair, .0 and .1, in parameters or [fabric]"
-        raise InputError(f"fabric.{half_empty[0]}", allowed, "fit")
+    for key, value in fabric.items():
+        if isinstance(value, list) and None in value:
+            allowed = "needs both numbers of the pair, .0 and .1, in parameters or [fabric]"
+            raise InputError(f"fabric.{key}", allowed, "fit")
     return fabric
 
 
@@ -226,8 +226,12 @@ def _open(
         start = {k: v for k, v in parameters.items() if k.partition(".")[0] in of_function}
         problem = problem.changed(Change(values=grouped(problem, start)))
     numbers = dict(numbers_of(problem))
-    # a parameter is a number of the problem, or a pair whose numbers end with .0 and .1
-    names = [n for n in parameters if n in numbers or any(k.startswith(f"{n}.") for k in numbers)]
+    names = []
+    for name in parameters:
+        # a pair, whose numbers end with .0 and .1, is no number itself
+        is_pair = any(key.startswith(f"{name}.") for key in numbers)
+        if name in numbers or is_pair:
+            names.append(name)
     for name in parameters:
         refuse_sizes(problem, name)
     if not names:

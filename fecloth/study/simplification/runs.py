@@ -162,8 +162,9 @@ class Original:
             records_of_full = self._records(self.full)
             records = self._records(row)
             changes = {}
-            for quantity, full, own in zip(self.quantities, records_of_full, records, strict=True):
-                changes[quantity.text] = relative_difference(quantity, full, own)
+            for i, quantity in enumerate(self.quantities):
+                change = relative_difference(quantity, records_of_full[i], records[i])
+                changes[quantity.text] = change
         except FeclothError as error:  # for example, a signal has no period
             return replace(outcome, status=FAILED, cause=str(error))
         return Outcome(
@@ -197,8 +198,8 @@ def describe_weak_friction(system: System, columns: Mapping[str, np.ndarray]) ->
     if not held_curvature < WEAK_FRICTION * curvature:
         return ""
     return (
-        f"BendingFriction may be left out: HB/B = {held_curvature:.3g}/m is below a tenth of the "
-        f"curvature, {curvature:.3g}/m"
+        f"BendingFriction may be left out: HB/B = {held_curvature:.3g}/m is below a tenth "
+        f"of the curvature, {curvature:.3g}/m"
     )
 
 

@@ -148,8 +148,10 @@ def cost_curve(x: Sequence[float], seconds: Sequence[float], low: float, high: f
     for example, because it loads compiled code. The seconds of the finer run replace its own.
     """
     sizes, values = _sorted(x, seconds)
-    values = np.maximum(values, np.finfo(float).eps)  # a clock may show 0, which has no logarithm
-    values = np.minimum.accumulate(values[::-1])[::-1]  # the least of this run and all finer ones
+    # a clock may show 0, which has no logarithm
+    values = np.maximum(values, np.finfo(float).eps)
+    # the least seconds of this run and of all finer ones
+    values = np.minimum.accumulate(values[::-1])[::-1]
     if len(sizes) > 1:
         measured = float(np.log(values[-1] / values[-2]) / np.log(sizes[-1] / sizes[-2]))
         power = min(max(measured, low), high)

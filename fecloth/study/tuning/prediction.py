@@ -150,7 +150,7 @@ class Prediction:
         return replace(self, dropped=self.dropped | keys)
 
     def pairs(self) -> list[tuple[Mesh, Rule]]:
-        """Return all pairs of a mesh and a rule whose errors are known, without the dropped ones.
+        """Return the pairs of a mesh and a rule whose errors are known, except the dropped ones.
 
         Explicit methods lump the mass, which changes the error in space of P2. So on P2 an
         explicit rule needs a mesh that was run explicitly, and an implicit rule one that was run

@@ -100,6 +100,7 @@ def prove(
     attempts = list[Proof]()
     for _ in range(VERIFYING_RUNS):
         candidates = untried(goal.candidates(prediction), attempts)
+        # the time of a verifying run does not count as time of the search
         is_late = attempts and bench.spent(attempts[-1].finer) > goal.limit(candidates)
         if not candidates or is_late:
             break
