@@ -74,7 +74,7 @@ class Yardstick:
         return bench.distance(self.run, trial) + self.left
 
 
-def verifying(bench: Bench, proof: Proof, error: np.ndarray) -> Yardstick:
+def yardstick_of_proof(bench: Bench, proof: Proof, error: np.ndarray) -> Yardstick:
     """Return the verifying run with what is left in it of an `error` of the tuned run."""
     assert proof.finer is not None
     left = np.maximum(error - bench.distance(proof.finer, proof.trial), 0.0)
@@ -112,7 +112,7 @@ def prove(
             prediction = prediction.without(candidate, on_all_meshes=has_method)
             continue
         if is_best_accurate and best.run.edges >= FINER_MESH * trial.edges:
-            proof = beside(bench, best, candidate, trial, other)
+            proof = prove_beside(bench, best, candidate, trial, other)
         else:
             proof = verify(bench, candidate, trial, other)
         attempts.append(proof)
@@ -121,9 +121,9 @@ def prove(
         prediction = corrected(prediction, proof)
     if not attempts:
         return None
-    proof = stated(attempts, goal)
+    proof = choose_attempt(attempts, goal)
     if not proof.why and proof.meets(goal) and not goal.has_budget:
-        proof = cheaper(bench, prediction, goal, proof)
+        proof = find_cheaper(bench, prediction, goal, proof)
     return proof
 
 
@@ -133,14 +133,14 @@ def untried(candidates: Sequence[Candidate], proofs: Iterable[Proof]) -> list[Ca
     return [candidate for candidate in candidates if candidate.choice not in tried]
 
 
-def stated(attempts: Sequence[Proof], goal: Goal) -> Proof:
+def choose_attempt(attempts: Sequence[Proof], goal: Goal) -> Proof:
     """Return the last attempt, or the one with the least error where the last is not enough."""
     if attempts[-1].error <= goal.tolerance:
         return attempts[-1]
     return min(attempts, key=lambda proof: proof.error)
 
 
-def beside(
+def prove_beside(
     bench: Bench, stick: Yardstick, candidate: Candidate, trial: Trial, other: Errors
 ) -> Proof:
     """Return the error of a run beside a yardstick, divided as its parts were predicted."""
@@ -242,7 +242,7 @@ def corrected(prediction: Prediction, proof: Proof) -> Prediction:
     return replace(prediction, meshes=meshes, times=times)
 
 
-def cheaper(bench: Bench, prediction: Prediction, goal: Goal, proof: Proof) -> Proof:
+def find_cheaper(bench: Bench, prediction: Prediction, goal: Goal, proof: Proof) -> Proof:
     """Try settings cheaper than a proved one, and return the proof of the cheapest that serves.
 
     Each is compared with the verifying run of the first proof, so that it needs no finer run of
@@ -252,7 +252,7 @@ def cheaper(bench: Bench, prediction: Prediction, goal: Goal, proof: Proof) -> P
     """
     # neither the mesh nor the steps change these parts
     other = {name: part for name, part in proof.parts.items() if name not in ("space", "time")}
-    stick = verifying(bench, proof, proof.parts["space"] + proof.parts.get("time", 0.0))
+    stick = yardstick_of_proof(bench, proof, proof.parts["space"] + proof.parts.get("time", 0.0))
     tried = [proof]
     for _ in range(CHEAPER_SETTINGS):
         candidates, prediction = next_candidates(goal, prediction, proof, tried)
@@ -265,7 +265,7 @@ def cheaper(bench: Bench, prediction: Prediction, goal: Goal, proof: Proof) -> P
         if not trial.is_ok:
             prediction = prediction.without(candidate)
             continue
-        tried.append(beside(bench, stick, candidate, trial, other))
+        tried.append(prove_beside(bench, stick, candidate, trial, other))
         if tried[-1].error <= goal.tolerance and trial.seconds < proof.trial.seconds:
             proof = tried[-1]
     return proof
@@ -284,13 +284,13 @@ def next_candidates(
     assert latest.candidate is not None
     prediction = corrected(prediction, latest)
     if latest.error > goal.tolerance:
-        if halfway := untried(between(proof, latest), tried):
+        if halfway := untried(halfway_between(proof, latest), tried):
             return halfway, prediction
         prediction = prediction.without(latest.candidate)
     return untried(goal.candidates(prediction, PART_AFTER_MEASUREMENT), tried), prediction
 
 
-def between(proof: Proof, failed: Proof) -> list[Candidate]:
+def halfway_between(proof: Proof, failed: Proof) -> list[Candidate]:
     """Return the setting halfway between a proved one and one whose error is too large.
 
     "Halfway" is the geometric mean of each size and of what was predicted. The list is empty if
@@ -317,7 +317,7 @@ def choose_yardstick(
 ) -> Yardstick:
     """Return the verifying run, or the best run of the search if less is left in that one."""
     if proof and proof.finer and not proof.why:
-        stick = verifying(bench, proof, sum(proof.parts.values(), np.zeros(len(left))))
+        stick = yardstick_of_proof(bench, proof, sum(proof.parts.values(), np.zeros(len(left))))
         if stick.left.max() <= left.max():
             return stick
     return Yardstick(reference, left)

@@ -316,7 +316,7 @@ def drop_terms(
     change_of_all = np.zeros(len(bench.quantities))
     taken: dict[str, Variant] = {}  # by the slot: at most one variant of each term
     if not full.is_ok:
-        return _with(bench, []), change_of_all, []
+        return _bench_with(bench, []), change_of_all, []
 
     def change_by(variants: Sequence[Variant]) -> tuple[np.ndarray, float] | None:
         """Return the change (q,) by variants and the seconds with them; None if it is large."""
@@ -344,7 +344,7 @@ def drop_terms(
             change_of_all, _ = result
             taken[variant.slot] = variant
     names = [variant.name for variant in taken.values()]
-    return _with(bench, taken.values()), change_of_all, names
+    return _bench_with(bench, taken.values()), change_of_all, names
 
 
 def _variants(opened: SceneProblem, element: str) -> list[Variant]:
@@ -367,11 +367,11 @@ def _variants(opened: SceneProblem, element: str) -> list[Variant]:
 def run_variants(bench: Bench, variants: Sequence[Variant], choice: Choice) -> Trial | None:
     """Run the problem with some variants; None if it is refused."""
     try:
-        return _with(bench, variants).run([choice], timed=True)[0]
+        return _bench_with(bench, variants).run([choice], timed=True)[0]
     except InputError:
         return None
 
 
-def _with(bench: Bench, variants: Iterable[Variant]) -> Bench:
+def _bench_with(bench: Bench, variants: Iterable[Variant]) -> Bench:
     """Return the bench with the problem that some variants change."""
     return bench.with_problem(bench.opened.changed(changes_of(variants)))
