@@ -599,7 +599,7 @@ def test_tune_takes_a_third_of_the_input_uncertainty(tmp_path, monkeypatch, caps
     def stop(tolerance, budget):
         raise InputError(f"{tolerance:.6e}", "is given on")
 
-    monkeypatch.setattr(tuning, "_goal", stop)
+    monkeypatch.setattr(tuning, "_read_goal", stop)
     with pytest.raises(InputError, match=f"{found:.6e}"):
         fc.tune(path, to_data=True)
     assert f"tolerance by the data: {100 * found:.2g} %" in capsys.readouterr().err

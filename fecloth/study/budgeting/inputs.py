@@ -92,7 +92,7 @@ def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
         For a key that is no number of the problem, a wrong uncertainty, or a wrong number of
         disturbed starts.
     """
-    uncertainties = dict(_flat("", uncertain))
+    uncertainties = dict(_flatten("", uncertain))
     starts = uncertainties.pop("start", 0)
     if not (type(starts) is int and 0 <= starts <= MOST_STARTS and starts != 1):
         allowed = f"must be a number of disturbed starts from 2 to {MOST_STARTS}, or 0"
@@ -112,7 +112,7 @@ def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
             if name not in numbers:
                 names.append(name)  # `choose_parameters` refuses it below
                 covariances.append(np.ones((1, 1)))
-            elif u := _deviation(problem, name, uncertainty, numbers[name]):
+            elif u := _read_deviation(problem, name, uncertainty, numbers[name]):
                 names.append(name)
                 covariances.append(np.array([[u * u]]))
     V = block_diag(*covariances)
@@ -137,12 +137,12 @@ def _read_fabric(fabric: Fabric, replaced: Mapping[str, Any]) -> tuple[list[str]
     return constants, uncertainty.covariance(fabric, constants)
 
 
-def _flat(name: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def _flatten(name: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """The entries of nested tables by their keys with dots; `name` is the key of the table."""
     for key, value in table.items():
         full_key = f"{name}.{key}" if name else str(key)
         if isinstance(value, Mapping):
-            yield from _flat(full_key, value)
+            yield from _flatten(full_key, value)
         else:
             yield full_key, value
 
@@ -157,7 +157,7 @@ def _fabrics(problem: Problem) -> dict[str, Fabric]:
     return {name: table.make() for name, table in tables.items() if table}
 
 
-def _deviation(problem: Problem | None, key: str, uncertainty: Any, value: float) -> float:
+def _read_deviation(problem: Problem | None, key: str, uncertainty: Any, value: float) -> float:
     """Return the standard uncertainty of the number `key`, in the SI unit of the number.
 
     `uncertainty` is a number in SI; a text in per cent of the `value` of the number, as "10 %";
@@ -188,10 +188,10 @@ def read_measured(table: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     the value. Raise `InputError` for anything else, and for an uncertainty of 0.
     """
     measured = {}
-    for name, pair in _flat("", table):  # TOML nests the key tip.x without quotation marks
+    for name, pair in _flatten("", table):  # TOML nests the key tip.x without quotation marks
         u = 0.0
         if isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0]):
-            u = _deviation(None, f"measured {name}", pair[1], float(pair[0]))
+            u = _read_deviation(None, f"measured {name}", pair[1], float(pair[0]))
         if not u:
             allowed = (
                 'must be a value and its standard uncertainty > 0, as [0.036, 0.0005 or "2 %"]'

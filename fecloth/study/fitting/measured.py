@@ -77,10 +77,10 @@ def read_measured(
     columns = experiment.columns
     named = zip(columns, units_of, strict=True)
     values = [table.numbers(column, unit) for column, unit in named]
-    repeats = _repeats(experiment, table)
+    repeats = _read_repeats(experiment, table)
     along = None
     if experiment.order:
-        along = _along(table, experiment, along_unit, repeats, reach)
+        along = _read_places(table, experiment, along_unit, repeats, reach)
     read = []
     for i, (column, quantity) in enumerate(columns.items()):
         points = Measured(
@@ -96,7 +96,7 @@ def read_measured(
     return tuple(read)
 
 
-def _repeats(experiment: Experiment, table: DataTable) -> np.ndarray:
+def _read_repeats(experiment: Experiment, table: DataTable) -> np.ndarray:
     """Return the number of the repeat of each row; 0 for all rows without such a column.
 
     Raise `InputError` if sigma = "repeats" but there are less than 2 repeats.
@@ -111,7 +111,7 @@ def _repeats(experiment: Experiment, table: DataTable) -> np.ndarray:
     return np.zeros(len(table.lines))
 
 
-def _along(
+def _read_places(
     table: DataTable, experiment: Experiment, unit: str, repeats: np.ndarray, reach: Reach | None
 ) -> np.ndarray:
     """Return the place of each row along the curve: the change from the start, or the time.
@@ -163,7 +163,7 @@ def _with_sigma(
     stated_sigma = experiment.sigma_of(points.column)
     if stated_sigma == "repeats":
         return _mean_of_repeats(points, table, repeats)
-    sigma = _sigma(table, points.column, points.unit, points.values, stated_sigma)
+    sigma = _read_sigma(table, points.column, points.unit, points.values, stated_sigma)
     if not (sigma > 0).all():
         line = table.lines[int(np.argmin(sigma))]
         what = f"line {line}: sigma of {points.column} = {sigma.min():g} {points.unit}".rstrip()
@@ -172,7 +172,7 @@ def _with_sigma(
     return replace(points, sigma=sigma, is_assumed=stated_sigma is None)
 
 
-def _sigma(
+def _read_sigma(
     table: DataTable, column: str, unit: str, values: np.ndarray, stated: str | float | None
 ) -> np.ndarray:
     """Return the standard uncertainties (n,) of the values of a column, in SI.

@@ -196,7 +196,7 @@ def summarise(
             numerical[name] = values[name] - coarse_end.values[name]
     # of the constants p, by the slopes dp/du; the offsets come last in u
     covariance = facts.covariance[:count, :count] * np.outer(slopes, slopes)
-    rows: list[Any] = _experiments(end)
+    rows: list[Any] = _rows_of_experiments(end)
     verdict = [
         words.describe_fit(fitting, end, facts),
         *(words.describe_value(name, values[name], intervals[name]) for name in values),
@@ -208,7 +208,7 @@ def summarise(
     return Fit(
         title=title,
         verdict="\n".join(verdict),
-        table=_table(fitting, values, intervals, numerical),
+        table=_table_of_constants(fitting, values, intervals, numerical),
         values=values,
         intervals=intervals,
         covariance=covariance,
@@ -218,8 +218,8 @@ def summarise(
         law_fails=facts.law_fails,
         offsets={row["experiment"]: row["offset"] for row in rows if row["offset"] is not None},
         experiments=Table(tuple(rows)),
-        points=_points(end),
-        fabric=_fabric(fitting, values, intervals, covariance),
+        points=_table_of_points(end),
+        fabric=_fitted_fabric(fitting, values, intervals, covariance),
         remarks=(*remarks, *_describe_held(fitting), *_describe_assumed(end)),
     )
 
@@ -251,7 +251,7 @@ def _describe_assumed(end: Evaluation) -> Iterator[str]:
         yield f"{listed}: no sigma is given, so {share} of the largest value is assumed"
 
 
-def _table(
+def _table_of_constants(
     fitting: Fitting,
     values: Mapping[str, float],
     intervals: Mapping[str, Interval],
@@ -276,7 +276,7 @@ def _table(
     return Table(tuple(rows))
 
 
-def _experiments(end: Evaluation) -> list[dict[str, Cell]]:
+def _rows_of_experiments(end: Evaluation) -> list[dict[str, Cell]]:
     """Return a row for each measured column: its points, and how far the fit is off there.
 
     "rms / sigma" is in units of the uncertainty of each point. "rms %" and "largest %" are in
@@ -310,7 +310,7 @@ def _experiments(end: Evaluation) -> list[dict[str, Cell]]:
     return rows
 
 
-def _points(end: Evaluation) -> Table:
+def _table_of_points(end: Evaluation) -> Table:
     """Return a row for each measured point, in SI units.
 
     "along" is its place along the curve, or its number if there is no curve. "residual" is
@@ -336,7 +336,7 @@ def _points(end: Evaluation) -> Table:
     return Table(tuple(rows))
 
 
-def _fabric(
+def _fitted_fabric(
     fitting: Fitting,
     values: Mapping[str, float],
     intervals: Mapping[str, Interval],

@@ -169,7 +169,11 @@ def make_verdict(
             lines.append(f"not known whether it is resolved: {resolution}")
         elif not resolution.is_resolved:
             lines.append(f"not resolved to {in_percent(findings.tolerance)}: {resolution}")
-    lines += [f"{heading}: {', '.join(items)}" for heading, items in _groups(findings) if items]
+    lines += [
+        f"{heading}: {', '.join(items)}"
+        for heading, items in _groups_of_variants(findings)
+        if items
+    ]
     if final is None:
         lines.append("nothing simpler was found")
     elif not final.is_ok:
@@ -182,7 +186,7 @@ def make_verdict(
     return "\n".join(lines)
 
 
-def _groups(findings: Findings) -> list[tuple[str, list[str]]]:
+def _groups_of_variants(findings: Findings) -> list[tuple[str, list[str]]]:
     """Return the variants of the verdict in words, as pairs of a heading and its items.
 
     Refinements are left out. So are replacements that change little but save no time.
@@ -200,12 +204,14 @@ def _groups(findings: Findings) -> list[tuple[str, list[str]]]:
             if is_kept:
                 needed.append(str(variant.by))
             else:
-                costs = f"costs {_saving(outcome)} of the seconds"
-                not_needed.append(f"{variant.by} ({_change(outcome)}, {costs})")
+                costs = f"costs {_describe_saving(outcome)} of the seconds"
+                not_needed.append(f"{variant.by} ({_describe_change(outcome)}, {costs})")
         elif is_kept:
-            too_large.append(f"{variant.name} ({_change(outcome)})")
+            too_large.append(f"{variant.name} ({_describe_change(outcome)})")
         elif verdict == "not needed" and outcome.saved > 0:
-            cheaper.append(f"{variant.name} ({_change(outcome)}, saves {_saving(outcome)})")
+            cheaper.append(
+                f"{variant.name} ({_describe_change(outcome)}, saves {_describe_saving(outcome)})"
+            )
     return [
         ("not needed", not_needed or ["none of the terms"]),
         ("can be cheaper", cheaper),
@@ -214,14 +220,14 @@ def _groups(findings: Findings) -> list[tuple[str, list[str]]]:
     ]
 
 
-def _change(outcome: Outcome) -> str:
+def _describe_change(outcome: Outcome) -> str:
     """Return in words the largest change, or the status of a failure."""
     if outcome.is_ok:
         return f"changes {outcome.of} by {in_percent(outcome.change)}"
     return outcome.status
 
 
-def _saving(outcome: Outcome) -> str:
+def _describe_saving(outcome: Outcome) -> str:
     """Return in words the part of the seconds that is saved."""
     return in_percent(outcome.saved) if outcome.saved > 0 else "none"
 

@@ -321,8 +321,8 @@ class Bench:
         short.
         """
         quiet = replace(self.runs, timed=timed, quiet=True)
-        rows = run_or_skip(list(map(self._point, choices)), self.quantities, quiet)
-        trials = [self._trial(choice, row) for choice, row in zip(choices, rows, strict=True)]
+        rows = run_or_skip(list(map(self._point_of, choices)), self.quantities, quiet)
+        trials = [self._trial_of(choice, row) for choice, row in zip(choices, rows, strict=True)]
         self.done.extend(trials)
         return trials
 
@@ -334,7 +334,7 @@ class Bench:
         """Return all runs but one."""
         return [trial for trial in self.done if trial is not run]
 
-    def _point(self, choice: Choice) -> Point | dict:
+    def _point_of(self, choice: Choice) -> Point | dict:
         """Return the point to run for a choice.
 
         If the problem refuses the choice, or the run is predicted to take too long, return in
@@ -355,7 +355,7 @@ class Bench:
         limit = min(seconds, self.runs.time_limit or math.inf)
         return replace(self, runs=replace(self.runs, time_limit=limit))
 
-    def _trial(self, choice: Choice, row: Mapping) -> Trial:
+    def _trial_of(self, choice: Choice, row: Mapping) -> Trial:
         """Return the trial of a run, from its row of `measure`.
 
         If the run reached its end but has no value of a quantity, as where a signal has no

@@ -119,7 +119,7 @@ def tune(
             raise InputError("to_data and tolerance are given", "give one of them", "tune")
         tolerance = tolerance_of_data(study, quantity)
         _say(f"tolerance by the data: {100 * tolerance:.2g} %")
-    goal = _goal(tolerance, budget)
+    goal = _read_goal(tolerance, budget)
     quantities = opened.choose_quantities(quantity)
     warned = print_warnings(opened)
     bench = Bench(opened, quantities, runs)
@@ -241,7 +241,7 @@ def _say(phase: str) -> None:
     print(f"tune: {phase}", file=sys.stderr, flush=True)
 
 
-def _goal(tolerance: float | str | None, budget: float | str | None) -> Goal:
+def _read_goal(tolerance: float | str | None, budget: float | str | None) -> Goal:
     """Return the goal from the arguments of `tune`; without both, a tolerance of 1 %.
 
     Raise `InputError` if both are given, for a tolerance outside 0 to 100 %, and for a budget
