@@ -169,11 +169,9 @@ def make_verdict(
             lines.append(f"not known whether it is resolved: {resolution}")
         elif not resolution.is_resolved:
             lines.append(f"not resolved to {in_percent(findings.tolerance)}: {resolution}")
-    lines += [
-        f"{heading}: {', '.join(items)}"
-        for heading, items in _groups_of_variants(findings)
-        if items
-    ]
+    for heading, items in _groups_of_variants(findings):
+        if items:
+            lines.append(f"{heading}: {', '.join(items)}")
     if final is None:
         lines.append("nothing simpler was found")
     elif not final.is_ok:
@@ -209,9 +207,8 @@ def _groups_of_variants(findings: Findings) -> list[tuple[str, list[str]]]:
         elif is_kept:
             too_large.append(f"{variant.name} ({_describe_change(outcome)})")
         elif verdict == "not needed" and outcome.saved > 0:
-            cheaper.append(
-                f"{variant.name} ({_describe_change(outcome)}, saves {_describe_saving(outcome)})"
-            )
+            saving = f"saves {_describe_saving(outcome)}"
+            cheaper.append(f"{variant.name} ({_describe_change(outcome)}, {saving})")
     return [
         ("not needed", not_needed or ["none of the terms"]),
         ("can be cheaper", cheaper),
