@@ -480,8 +480,15 @@ def made(known, measured, shares=(), names=("fabric.bending_rigidity",)):
     problem = SimpleNamespace(name="drape", first=SimpleNamespace(energies=[]))
     parts = np.atleast_2d(shares) if len(shares) else np.zeros((0, 0))
     columns = {name: np.array([float(value)]) for name, value in known.items()}
-    given = problem, [parse_quantity("sag")], columns, measured, names, parts
-    return make_budget(*given, single=True)
+    return make_budget(
+        opened=problem,
+        quantities=[parse_quantity("sag")],
+        values_and_parts=columns,
+        measured=measured,
+        parameters=names,
+        shares=parts,
+        is_single=True,
+    )
 
 
 @pytest.mark.parametrize(
@@ -592,7 +599,7 @@ def test_tune_takes_a_third_of_the_input_uncertainty(tmp_path, monkeypatch, caps
     def stop(tolerance, budget):
         raise InputError(f"{tolerance:.6e}", "is given on")
 
-    monkeypatch.setattr(tuning, "_goal", stop)
+    monkeypatch.setattr(tuning, "_read_goal", stop)
     with pytest.raises(InputError, match=f"{found:.6e}"):
         fc.tune(path, to_data=True)
     assert f"tolerance by the data: {100 * found:.2g} %" in capsys.readouterr().err

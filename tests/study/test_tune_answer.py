@@ -14,7 +14,7 @@ from fecloth.study import run_problems, status
 from fecloth.study.tuning import choices, time_errors
 from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.prediction import Goal
-from fecloth.study.tuning.proof import Proof, Yardstick, answer, choose_yardstick
+from fecloth.study.tuning.proof import Proof, Yardstick, choose_run, choose_yardstick
 from fecloth.study.tuning.result import summarise
 from fecloth.study.tuning.shared_steps import blame_steps, shorten_steps
 from fecloth.study.tuning.time_errors import TimeErrors, measure_methods
@@ -33,7 +33,7 @@ def answer_of(runs, goal, proof=None, why="", is_open=False):
     by_choice = {run.choice: run for run in runs}
     bench = PowerLaws(change=lambda made: by_choice[made.choice], done=list(runs))
     stick = Yardstick(BEST, np.array([LEFT]))
-    return answer(bench, goal, PREDICTION, stick, proof, why, is_open)
+    return choose_run(bench, goal, PREDICTION, stick, proof, why, is_open)
 
 
 def proof_of(run, error):

@@ -14,11 +14,11 @@ from fecloth.study.tuning.curves import Curve
 from fecloth.study.tuning.prediction import Goal
 from fecloth.study.tuning.proof import (
     Proof,
-    between,
+    choose_attempt,
     corrected,
     finer_choice,
+    halfway_between,
     prove,
-    stated,
     untried,
     verify,
 )
@@ -106,7 +106,7 @@ def test_halfway_between_two_settings_is_their_geometric_mean():
     one = candidate(prediction, 40.0, 400, 1e-3, 4e-3)
     other = candidate(prediction, 10.0, 100, 4e-3, 1e-3)
     proofs = [Proof(trial(of.choice, seconds=of.seconds), of, None, {}) for of in (one, other)]
-    (middle,) = between(*proofs)
+    (middle,) = halfway_between(*proofs)
     assert (middle.edges, middle.x) == (pytest.approx(20.0), 200)
     assert (middle.space, middle.time) == (pytest.approx([2e-3]), pytest.approx([2e-3]))
     assert middle.seconds == pytest.approx(math.sqrt(one.seconds * other.seconds))
@@ -282,7 +282,7 @@ def test_a_setting_halfway_to_a_tried_one_that_is_one_of_both_is_not_run():
     prediction = predict(1.0, 10.0)
     fine, coarse = (candidate(prediction, 40.0, n, 1e-3, 1e-3) for n in (100, 99))
     proofs = [Proof(trial(of.choice), of, None, {}) for of in (fine, coarse)]
-    (middle,) = between(*proofs)
+    (middle,) = halfway_between(*proofs)
     assert middle.choice == fine.choice
     assert untried([middle], proofs) == []
     assert untried([middle], proofs[1:]) == [middle]
@@ -295,7 +295,7 @@ def test_the_last_attempt_is_stated_or_the_most_accurate_where_it_misses_the_tol
     errors, taken
 ):
     attempts = [Proof(None, None, None, {"space": np.array([e])}) for e in errors]
-    assert stated(attempts, Goal(1.0)) is attempts[taken]
+    assert choose_attempt(attempts, Goal(1.0)) is attempts[taken]
 
 
 @pytest.mark.parametrize(("goal", "met"), [(Goal(1.0), (True, False)), (Goal(budget=2.0), (1, 0))])

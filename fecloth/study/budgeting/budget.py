@@ -126,23 +126,31 @@ def budget(
     inputs = read_inputs(opened, uncertain)
     data = read_measured(measured)
     is_single = isinstance(quantity, str | Quantity) or callable(quantity)
-    asked: Any = quantity or opened.interest or list(data) or None
+    names_of_quantities: Any = quantity or opened.interest or list(data) or None
     if is_single:
-        asked = [quantity]
-    chosen = opened.choose_quantities(asked)
-    _refuse_fields(opened, chosen)
-    texts = dict.fromkeys(q.text for q in (*chosen, *opened.quantities))
+        names_of_quantities = [quantity]
+    quantities = opened.choose_quantities(names_of_quantities)
+    _refuse_fields(opened, quantities)
+    texts = dict.fromkeys(q.text for q in (*quantities, *opened.quantities))
     for name in data:
         known_name(f"measured {name!r} (it is not in [interest])", name, texts, "budget")
     run_problems.refuse_huge(opened, runs)
-    warned = run_problems.print_warnings(opened)
-    work = Work(study, opened, chosen, runs)
-    parts, base = work.numerical()
-    parts["input"], shares, remarks = work.input(inputs, samples, seed)
-    parts["start"], lost = work.starts(inputs.starts, seed)
-    made = make_budget(opened, chosen, parts, data, inputs.names, shares, is_single)
-    remarks = [*work.ends_of_friction(base), *remarks, *lost]
-    return replace(made, doubts=warned, remarks=tuple(remarks))
+    doubts = run_problems.print_warnings(opened)
+    work = Work(study, opened, quantities, runs)
+    parts, first_values = work.numerical()
+    parts["input"], shares, remarks_on_input = work.input(inputs, samples, seed)
+    parts["start"], remarks_on_starts = work.starts(inputs.starts, seed)
+    result = make_budget(
+        opened=opened,
+        quantities=quantities,
+        values_and_parts=parts,
+        measured=data,
+        parameters=inputs.names,
+        shares=shares,
+        is_single=is_single,
+    )
+    remarks = [*work.ends_of_friction(first_values), *remarks_on_input, *remarks_on_starts]
+    return replace(result, doubts=doubts, remarks=tuple(remarks))
 
 
 def _table_of(opened: Problem, name: str) -> Mapping[str, Any]:
@@ -153,12 +161,15 @@ def _table_of(opened: Problem, name: str) -> Mapping[str, Any]:
 
 
 def tolerance_of_data(study: Opened, quantity: Any) -> float:
-    """The least third of input uncertainties over their quantities: what the data deserve.
+    """Return a third of the relative uncertainty of the quantities by the uncertain numbers.
+
+    It is the least one of all quantities. A computation whose relative error is as small is
+    accurate enough for these data.
 
     Raises
     ------
     InputError
-        For a problem without uncertain numbers.
+        For a problem without uncertain numbers, or an unknown quantity.
     """
     opened = study.problem
     inputs = read_inputs(opened, _table_of(opened, "uncertain"))
@@ -171,10 +182,11 @@ def tolerance_of_data(study: Opened, quantity: Any) -> float:
     return float((uncertainty / (3 * np.abs(values))).min())
 
 
-def _refuse_fields(opened: Problem, chosen: Sequence[Quantity]) -> None:
+def _refuse_fields(opened: Problem, quantities: Sequence[Quantity]) -> None:
     """Raise `InputError` for a quantity that is no number: a field, a path or a vector."""
-    row = opened.first.recording(quantity.column for quantity in chosen).row()
-    for quantity in chosen:
+    row = opened.first.recording(quantity.column for quantity in quantities).row()
+    for quantity in quantities:
+        # the columns of a vector have its name and .x, .y, .z
         is_vector = quantity.how == "value" and f"{quantity.column}.x" in row
         if not (quantity.is_field or quantity.how == "path" or is_vector):
             continue
@@ -207,7 +219,12 @@ class Work:
     runs: run_problems.Runs
 
     def numerical(self) -> tuple[dict[str, Any], np.ndarray]:
-        """Values and uncertainties of mesh, step and solver, and values of the first level.
+        """Run the problem on several levels; return values and numerical uncertainties.
+
+        The first result has arrays (q,) by name: the "value" on the finest level, and the
+        standard uncertainties "space", "time" and "solver". An uncertainty is NaN if a run for
+        it failed. The second result are the values (q,) of the first level, the problem as it
+        is.
 
         Raises
         ------
@@ -230,13 +247,16 @@ class Work:
             study = summarise(opened, quantity, "h", rows_of_mesh, others)
             if study.estimate is None:
                 raise StudyFailed(f"{opened.source}: {study.verdict}")
+            # shares are estimated errors: UNSAFE times as much should cover the exact value
             gap = UNSAFE * study.shares.get("gap", no_share)
             time = UNSAFE * study.shares.get("time step", no_share)
             solver = UNSAFE * study.shares.get("solver", no_share)
             space = float(np.hypot(study.estimate.uncertainty, gap))
+            # a standard uncertainty is half of one that covers the exact value
             columns.append([study.value, 0.5 * space, 0.5 * time, 0.5 * solver])
-        named = zip(("value", "space", "time", "solver"), np.array(columns).T, strict=True)
-        return dict(named), self.values(rows[:1])[0]
+        value, space_u, time_u, solver_u = np.array(columns).T
+        parts = {"value": value, "space": space_u, "time": time_u, "solver": solver_u}
+        return parts, self.values(rows[:1])[0]
 
     def values(self, rows: Sequence[Mapping]) -> np.ndarray:
         """(rows, quantities) values; NaN of a run that failed."""
@@ -252,19 +272,23 @@ class Work:
         changed: Sequence[tuple[str, Mapping[str, Any]]],
         starts: Sequence[int] | None = None,
     ) -> tuple[np.ndarray, str]:
-        """(changes, quantities) values with changed numbers, and a sentence on what was lost.
+        """Run the problem with changed numbers; return the values, and a sentence on failures.
 
-        A change is a name and values of numbers. `starts` are the numbers of disturbed starts,
-        one for each change.
+        Each entry of `changed` is a name for the run and the new values of numbers by their
+        names. `starts` are the seeds of disturbed starts, one for each entry; None for the
+        problem's own start.
+
+        The values are (changes, quantities), NaN in rows of runs that failed or were refused.
+        The sentence says how many these are, and why the first of them failed; "" for none.
         """
         seeds: Sequence[int | None] = starts or [None] * len(changed)
         points = [
             self._point(name, values, seed)
             for (name, values), seed in zip(changed, seeds, strict=True)
         ]
-        able = [point for point in points if isinstance(point, run_problems.Point)]
-        if able:
-            run_problems.check_points(able, self.runs)
+        to_run = [point for point in points if isinstance(point, run_problems.Point)]
+        if to_run:
+            run_problems.check_points(to_run, self.runs)  # raises if they would take too long
         rows = run_problems.run_or_skip(points, self.quantities, self.runs)
         values = self.values(rows)
         failed = np.flatnonzero(np.isnan(values).any(axis=1)).tolist()
@@ -290,10 +314,12 @@ class Work:
     def input(
         self, inputs: Inputs, samples: int | None, seed: int
     ) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """The uncertainty by the uncertain numbers, the parts of its square, and remarks.
+        """Return the uncertainty by the uncertain numbers, the parts of its square, and remarks.
 
-        The parts (quantities, parameters) are known by the first order alone. It is tried unless
-        a number of samples is given.
+        The uncertainty is (quantities,). If no number of `samples` is given and the first order
+        holds for all quantities, it is √(gᵀ V g), and the parts of its square are
+        (quantities, parameters). Else it is the standard deviation over samples, and the parts
+        are empty, because samples do not give them.
         """
         no_shares = np.zeros((0, 0))
         remarks = list[str]()
@@ -301,15 +327,17 @@ class Work:
             return np.zeros(len(self.quantities)), no_shares, remarks
         if samples is None:
             slopes = self._slopes(inputs)
-            holds = np.isfinite(slopes).all(axis=1)
-            holds &= self.first_order_holds(inputs, np.nan_to_num(slopes))
-            if holds.all():
-                shares = slopes * (slopes @ inputs.covariance)
+            has_first_order = np.isfinite(slopes).all(axis=1)
+            has_first_order &= self.first_order_holds(inputs, np.nan_to_num(slopes))
+            if has_first_order.all():
+                shares = slopes * (slopes @ inputs.covariance)  # their sums are gᵀ V g
+                # correlations may make a sum that is 0 slightly negative, by round-off
                 return np.sqrt(np.maximum(shares.sum(axis=1), 0.0)), shares, remarks
-            names = ", ".join(self.quantities[i].text for i in np.flatnonzero(~holds).tolist())
+            without_first_order = np.flatnonzero(~has_first_order).tolist()
+            names = ", ".join(self.quantities[i].text for i in without_first_order)
             remarks.append(f"The first order does not hold for {names}: samples take its place.")
-        drawn = inputs.samples(samples or SAMPLES, seed)
-        changed = [(f"sample {i}", values) for i, values in enumerate(drawn, start=1)]
+        drawn_samples = inputs.samples(samples or SAMPLES, seed)
+        changed = [(f"sample {i}", sample) for i, sample in enumerate(drawn_samples, start=1)]
         values, lost = self.run(changed)
         if lost:
             remarks.append(f"Samples: {lost}")
@@ -323,7 +351,13 @@ class Work:
         return np.atleast_2d(answer.derivative)
 
     def first_order_holds(self, inputs: Inputs, slopes: np.ndarray) -> np.ndarray:
-        """(quantities,) whether two runs on both sides lie where the first order puts them."""
+        """Return for each quantity whether it changes in proportion to the uncertain numbers.
+
+        `slopes` (q, k) are its derivatives by the numbers. Two runs show it: their numbers are
+        changed by one standard deviation, in opposite directions. The first order holds where
+        both runs are off the straight line by at most `PART_OFF_FIRST_ORDER` of the uncertainty.
+        It does not hold where a run fails.
+        """
         change = probing_change(slopes, inputs.covariance)
         middle = np.array([parameter.value for parameter in inputs.parameters])
         probes = {
@@ -335,12 +369,14 @@ class Work:
             (name, dict(zip(inputs.names, numbers.tolist(), strict=True)))
             for name, numbers in probes.items()
         ]
-        (base, plus, minus), _ = self.run(changed)
-        expected = slopes @ change
-        off = np.maximum(abs(plus - base - expected), abs(minus - base + expected))
+        (values, values_plus, values_minus), _ = self.run(changed)
+        expected_change = slopes @ change
+        off_plus = abs(values_plus - values - expected_change)
+        off_minus = abs(values_minus - values + expected_change)
         u = standard_uncertainty(slopes, inputs.covariance)
-        allowed = PART_OFF_FIRST_ORDER * u + PART_LEFT_BY_SOLVER * abs(base)
-        return np.asarray(off <= allowed)  # NaN does not
+        allowed = PART_OFF_FIRST_ORDER * u + PART_LEFT_BY_SOLVER * abs(values)
+        # False where a value is NaN
+        return np.asarray(np.maximum(off_plus, off_minus) <= allowed)
 
     def starts(self, count: int, seed: int) -> tuple[np.ndarray | float, list[str]]:
         """The uncertainty by disturbed starts, and what was lost."""
@@ -352,9 +388,11 @@ class Work:
         return spread(values), remarks
 
     def ends_of_friction(self, laid: np.ndarray) -> list[str]:
-        """A sentence on the cloth that is shaken, beside the cloth that is laid, if both differ.
+        """Return a sentence with the quantities of the cloth that is laid and that is shaken.
 
-        They do in an equilibrium with friction inside the fabric. `laid` are its values.
+        With friction inside the fabric an equilibrium depends on how the cloth came there: these
+        are its two ends. `laid` (q,) are the values of the problem as it is. Of other problems
+        the list is empty. If the shaken cloth fails, the sentence says why.
         """
         problem = self.problem
         if not (isinstance(problem, SceneProblem) and problem.scene.equilibrium):

@@ -46,21 +46,27 @@ class Inputs:
         return [parameter.name for parameter in self.parameters]
 
     def samples(self, count: int, seed: int) -> list[dict[str, float]]:
-        """Values of all numbers by name, `count` times, by scrambled Sobol' points.
+        """Return `count` samples: each has the values of all numbers, by their names.
 
-        Constants of fabrics that must stay positive have a logarithmic normal distribution with
-        the same mean, deviation and correlation, the other numbers a normal one.
+        They are drawn by scrambled Sobol' points, which cover the distribution more evenly than
+        random ones; `seed` scrambles them. Constants of fabrics that must stay positive have a
+        logarithmic normal distribution with the same mean, deviation and correlation, the other
+        numbers a normal one.
         """
         mean = np.array([p.value for p in self.parameters])
-        positive = np.array([_is_positive(p) for p in self.parameters])
-        scale = np.where(positive, mean, 1.0)
+        is_positive = np.array([_is_positive(p) for p in self.parameters])
+        scale = np.where(is_positive, mean, 1.0)
+        # covariance of z, where value = mean exp(z − V/2) if positive, else mean + z
         V = self.covariance / np.outer(scale, scale)
-        V = np.where(np.outer(positive, positive), np.log1p(V), V)
-        squares, axes = np.linalg.eigh(V)  # also where correlations of ±1 make V singular
+        V = np.where(np.outer(is_positive, is_positive), np.log1p(V), V)
+        # eigenvectors give a root of V also where correlations of ±1 make it singular
+        variances, axes = np.linalg.eigh(V)
+        root = axes * np.sqrt(np.maximum(variances, 0.0))
         generator = qmc.MultivariateNormalQMC(np.zeros(len(V)), rng=np.random.default_rng(seed))
-        drawn = generator.random(2 ** math.ceil(math.log2(count)))[:count]
-        z = drawn @ (axes * np.sqrt(np.maximum(squares, 0.0))).T
-        values = np.where(positive, mean * np.exp(z - 0.5 * np.diag(V)), mean + z)
+        # Sobol' points are balanced if their number is a power of 2
+        standard_normal = generator.random(2 ** math.ceil(math.log2(count)))[:count]
+        z = standard_normal @ root.T
+        values = np.where(is_positive, mean * np.exp(z - 0.5 * np.diag(V)), mean + z)
         return [dict(zip(self.names, row.tolist(), strict=True)) for row in values]
 
 
@@ -72,45 +78,56 @@ def _is_positive(parameter: Parameter) -> bool:
 
 
 def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
-    """The inputs by [fabric.uncertainty] and a table `uncertain`, which replaces entries of it.
+    """Return the uncertain numbers of a problem, with their covariance and the disturbed starts.
+
+    They stand in [fabric.uncertainty] of each fabric, and in `uncertain`: its keys are names of
+    numbers and "start", its values standard uncertainties and the number of starts. An entry of
+    `uncertain` replaces the same entry of [fabric.uncertainty]. A key that stands for several
+    numbers, such as a pair, gives the uncertainty to each of them that is not 0. Numbers with
+    the uncertainty 0 are left out.
 
     Raises
     ------
     InputError
-        For a key that is no number of the problem, or a wrong uncertainty.
+        For a key that is no number of the problem, a wrong uncertainty, or a wrong number of
+        disturbed starts.
     """
-    given = dict(_flat("", uncertain))
-    starts = given.pop("start", 0)
+    uncertainties = dict(_flatten("", uncertain))
+    starts = uncertainties.pop("start", 0)
     if not (type(starts) is int and 0 <= starts <= MOST_STARTS and starts != 1):
         allowed = f"must be a number of disturbed starts from 2 to {MOST_STARTS}, or 0"
         raise InputError(f"start = {brief(starts)}", allowed, WHERE)
-    known = dict(numbers_of(problem))
+    numbers = dict(numbers_of(problem))  # values by name
     names = list[str]()
-    blocks = [np.zeros((0, 0))]
+    covariances = [np.zeros((0, 0))]  # numbers of different blocks are independent
     for prefix, fabric in _fabrics(problem).items():
-        keys = [key for key in given if key.startswith(f"{prefix}.")]
-        own = {key.removeprefix(f"{prefix}."): given.pop(key) for key in keys}
-        constants, covariance = _read_fabric(fabric, own)
+        keys = [key for key in uncertainties if key.startswith(f"{prefix}.")]
+        replaced = {key.removeprefix(f"{prefix}."): uncertainties.pop(key) for key in keys}
+        constants, covariance = _read_fabric(fabric, replaced)
         names += [f"{prefix}.{key}" for key in constants]
-        blocks.append(covariance)
-    for key, value in given.items():
-        items = [name for name in known if name.startswith(f"{key}.") and known[name]]
+        covariances.append(covariance)
+    for key, uncertainty in uncertainties.items():
+        items = [name for name in numbers if name.startswith(f"{key}.") and numbers[name]]
         for name in items or [key]:
-            if name not in known:  # `choose_parameters` refuses it
+            if name not in numbers:
+                names.append(name)  # `choose_parameters` refuses it below
+                covariances.append(np.ones((1, 1)))
+            elif u := _read_deviation(problem, name, uncertainty, numbers[name]):
                 names.append(name)
-                blocks.append(np.ones((1, 1)))
-            elif u := _deviation(problem, name, value, known[name]):
-                names.append(name)
-                blocks.append(np.array([[u * u]]))
-    V = block_diag(*blocks)
-    pairs = zip(names, np.sqrt(np.diag(V)).tolist(), strict=True)
-    scales = {name: u for name, u in pairs if not known.get(name, 1.0)}
+                covariances.append(np.array([[u * u]]))
+    V = block_diag(*covariances)
+    deviations = dict(zip(names, np.sqrt(np.diag(V)).tolist(), strict=True))
+    # a number that is 0 has no size: its deviation says by how much it is changed
+    scales = {name: u for name, u in deviations.items() if not numbers.get(name, 1.0)}
     parameters = choose_parameters(problem, names, scales) if names else ()
     return Inputs(parameters, V, starts)
 
 
 def _read_fabric(fabric: Fabric, replaced: Mapping[str, Any]) -> tuple[list[str], np.ndarray]:
-    """The uncertain constants of a fabric and their covariance, with some entries replaced."""
+    """Return the names of the uncertain constants of a fabric, and their covariance.
+
+    `replaced` has entries that replace the fabric's own uncertainties.
+    """
     table = {}
     if isinstance(fabric.uncertainty, Uncertainty):
         table = fabric.uncertainty.table()
@@ -120,12 +137,12 @@ def _read_fabric(fabric: Fabric, replaced: Mapping[str, Any]) -> tuple[list[str]
     return constants, uncertainty.covariance(fabric, constants)
 
 
-def _flat(name: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def _flatten(name: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """The entries of nested tables by their keys with dots; `name` is the key of the table."""
     for key, value in table.items():
         full_key = f"{name}.{key}" if name else str(key)
         if isinstance(value, Mapping):
-            yield from _flat(full_key, value)
+            yield from _flatten(full_key, value)
         else:
             yield full_key, value
 
@@ -140,35 +157,46 @@ def _fabrics(problem: Problem) -> dict[str, Fabric]:
     return {name: table.make() for name, table in tables.items() if table}
 
 
-def _deviation(problem: Problem | None, key: str, given: Any, value: float) -> float:
-    """A standard uncertainty of a number: in SI, a text with a unit, or a part in per cent."""
-    number = given
-    if isinstance(given, str) and (part := PART.fullmatch(given.strip())):
+def _read_deviation(problem: Problem | None, key: str, uncertainty: Any, value: float) -> float:
+    """Return the standard uncertainty of the number `key`, in the SI unit of the number.
+
+    `uncertainty` is a number in SI; a text in per cent of the `value` of the number, as "10 %";
+    or, for a scene, a text with a unit, as "2 mm". Raise `InputError` for anything else, a
+    number below 0, and a part of the value 0.
+    """
+    number = uncertainty
+    is_text = isinstance(uncertainty, str)
+    if is_text and (part := PART.fullmatch(uncertainty.strip())):
         if not value:
             remedy = "Give the uncertainty as a number."
-            raise InputError(f'{key} = "{given}"', "is a part of 0", WHERE, remedy)
+            raise InputError(f'{key} = "{uncertainty}"', "is a part of 0", WHERE, remedy)
         number = float(part[1]) / 100 * abs(value)
-    elif isinstance(given, str) and isinstance(problem, SceneProblem) and is_quantity(given):
-        changed = problem.changed(Change(values={key: given}))  # which knows the unit of the key
+    elif is_text and isinstance(problem, SceneProblem) and is_quantity(uncertainty):
+        # the scene knows the dimension of the key, and reads the text as a value of it
+        changed = problem.changed(Change(values={key: uncertainty}))
         number = dict(numbers_of(changed)).get(key)
     if not (is_number(number) and number >= 0):
         allowed = 'must be a standard uncertainty >= 0 in the unit of the number, or as "10 %"'
-        raise InputError(f"{key} = {brief(given)}", allowed, WHERE)
+        raise InputError(f"{key} = {brief(uncertainty)}", allowed, WHERE)
     return float(number)
 
 
-def read_measured(given: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Measured values with standard uncertainties, by quantity: (value, u), u also as "2 %"."""
+def read_measured(table: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Return the measured values and their standard uncertainties, both in SI, by quantity.
+
+    Each entry of the table is a pair: the value, and its uncertainty as a number or as "2 %" of
+    the value. Raise `InputError` for anything else, and for an uncertainty of 0.
+    """
     measured = {}
-    for name, pair in _flat("", given):  # nested by tip.x without quotation marks
+    for name, pair in _flatten("", table):  # TOML nests the key tip.x without quotation marks
         u = 0.0
         if isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0]):
-            u = _deviation(None, f"measured {name}", pair[1], float(pair[0]))
+            u = _read_deviation(None, f"measured {name}", pair[1], float(pair[0]))
         if not u:
             allowed = (
                 'must be a value and its standard uncertainty > 0, as [0.036, 0.0005 or "2 %"]'
             )
             raise InputError(f"measured {name} = {brief(pair)}", allowed, WHERE)
-        text = " ".join(name.split())
+        text = " ".join(name.split())  # as the text of a quantity: single spaces
         measured[text] = (float(pair[0]), u)
     return measured

@@ -85,29 +85,36 @@ class Budget(StudyResult):
     shares: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def figure(self) -> Figure:
-        """Return stacked bars: the parts of each variance, input by parameter."""
-        rows: list[tuple[str, np.ndarray]] = []
+        """Return a stacked bar for each quantity: the parts of its variance, in per cent.
+
+        The part of the uncertain numbers is divided among them, if their shares are known.
+        Negligible parts are left out.
+        """
+        labels = list[str]()
+        variances = list[np.ndarray]()  # (quantities,) for each label
         for name, words in WORDS.items():
             if name == "input" and self.shares.size:
-                rows += zip(self.parameters, self.shares.T, strict=True)
+                labels += self.parameters
+                variances += list(self.shares.T)
             else:
-                rows.append((words, np.atleast_1d(getattr(self, name)) ** 2))
-        # Correlated inputs may have negative parts.
-        parts = np.maximum(np.nan_to_num([variance for _, variance in rows]), 0.0)
-        parts /= np.maximum(parts.sum(axis=0), np.finfo(float).tiny)
+                labels.append(words)
+                variances.append(np.atleast_1d(getattr(self, name)) ** 2)
+        # correlated inputs may have negative parts, and a part is NaN where its runs failed
+        parts = np.maximum(np.nan_to_num(variances), 0.0)
+        parts /= np.maximum(parts.sum(axis=0), np.finfo(float).tiny)  # no division by 0
         shown = np.flatnonzero((parts > NEGLIGIBLE_PART**2).any(axis=1))
         left = np.zeros(parts.shape[1])
         drawing, ax = new_figure(1, 1, (8.0, 1.6 + 0.7 * len(left) + 0.15 * len(shown)))
         for i, k in enumerate(shown):
-            again, color = divmod(i, len(COLOURS))
+            rounds, color = divmod(i, len(COLOURS))  # colours that come again are hatched
             width = 100 * parts[k]
             ax.barh(
                 self.quantities,
                 width,
                 left=left,
-                label=rows[k][0],
+                label=labels[k],
                 color=COLOURS[color],
-                hatch="//" * again,
+                hatch="//" * rounds,
                 ec="white",
             )
             left = left + width
@@ -120,21 +127,24 @@ class Budget(StudyResult):
 def make_budget(
     opened: Problem,
     quantities: Sequence[Quantity],
-    known: Mapping[str, Any],
+    values_and_parts: Mapping[str, Any],
     measured: Mapping[str, tuple[float, float]],
-    names: Sequence[str],
+    parameters: Sequence[str],
     shares: np.ndarray,
-    single: bool,
+    is_single: bool,
 ) -> Budget:
-    """The result, from values and uncertainties (quantities,), and what was measured.
+    """Return the result of `budget`, with its total, its verdict and its table.
 
-    `known` are the values and the parts but data, `measured` are values with their uncertainties
-    by quantity. `names` are the uncertain numbers, and `shares` their parts of input², which are
-    empty if they are not known. A `single` quantity has numbers in place of arrays.
+    `values_and_parts` are arrays (quantities,) or numbers by name: "value", and the standard
+    uncertainties of `WORDS` without "data". `measured` has a measured value and its uncertainty
+    by the text of a quantity. `parameters` are the names of the uncertain numbers, and `shares`
+    (quantities, parameters) their parts of input²; empty if they are not known. If `is_single`,
+    the result has numbers in place of arrays.
     """
     D, data = np.array([measured.get(q.text, (np.nan, 0.0)) for q in quantities]).T
-    given: dict[str, Any] = {**known, "data": data}
-    columns: dict[str, Any] = {name: np.broadcast_to(u, D.shape) for name, u in given.items()}
+    columns: dict[str, Any] = {}
+    for name, numbers_of_name in {**values_and_parts, "data": data}.items():
+        columns[name] = np.broadcast_to(numbers_of_name, D.shape)
     columns["total"] = np.sqrt(sum(columns[name] ** 2 for name in WORDS))
     columns["difference"] = columns["value"] - D
     columns["agrees"] = np.abs(columns["difference"]) <= COVERS * columns["total"]
@@ -144,8 +154,8 @@ def make_budget(
     for i, quantity in enumerate(quantities):
         numbers = {name: values[i].item() for name, values in columns.items()}
         unit = quantity.unit(energies)
-        inputs = dict(zip(names, shares[i], strict=True)) if shares.size else {}
-        verdict = _verdict(numbers, float(D[i]), unit, inputs, names)
+        inputs = dict(zip(parameters, shares[i], strict=True)) if shares.size else {}
+        verdict = _verdict(numbers, float(D[i]), unit, inputs, parameters)
         sentences.append(f"{quantity.text} = {verdict}")
         row: dict[str, Cell] = {"quantity": quantity.text, "unit": unit}
         row |= {name: numbers[name] for name in ("value", *WORDS, "total")}
@@ -154,15 +164,15 @@ def make_budget(
         if not np.isfinite(numbers["total"]):
             row["status"] = FAILED
         rows.append(row)
-    at = 0 if single else slice(None)
+    selected = 0 if is_single else slice(None)
     return Budget(
         title=opened.name,
         verdict="\n".join(sentences),
         table=Table(tuple(rows)),
         quantities=tuple(quantity.text for quantity in quantities),
-        parameters=tuple(names),
+        parameters=tuple(parameters),
         shares=shares,
-        **{name: values[at] for name, values in columns.items()},
+        **{name: values[selected] for name, values in columns.items()},
     )
 
 
@@ -171,20 +181,23 @@ def _verdict(
     D: float,
     unit: str,
     inputs: Mapping[str, float],
-    names: Sequence[str],
+    parameters: Sequence[str],
 ) -> str:
-    """In words a value, its uncertainty, its largest part, and whether it agrees with D.
+    """Return in words a value, its uncertainties, the largest of them, and what was measured.
 
-    `inputs` are the parts of input² by parameter, if they are known.
+    `numbers` are the fields of `Budget` for one quantity, by name. `D` is the measured value;
+    NaN if there is none. If there is one, the words say whether both agree. `parameters` are the
+    names of the uncertain numbers, and `inputs` their parts of input² by name; empty if they are
+    not known.
     """
     words = dict(WORDS)
-    if not all(name.startswith("fabric") for name in names):
-        words["input"] = "inputs"
+    if not all(name.startswith("fabric") for name in parameters):
+        words["input"] = "inputs"  # other numbers than constants of fabrics are uncertain, too
     total = numbers["total"]
     text = f"{_shown(numbers['value'], total)} {unit}".strip()
     for name in WORDS:
         is_negligible = numbers[name] <= NEGLIGIBLE_PART * total
-        if name != "data" and not is_negligible:
+        if name != "data" and not is_negligible:  # data stands beside the measured value
             text += f" ± {numbers[name]:.2g} ({words[name]})"
     is_measured = not np.isnan(D)
     if is_measured:
@@ -192,7 +205,7 @@ def _verdict(
     if not np.isfinite(total):
         return f"{text}: its uncertainty is not known, as runs for a part of it failed"
     squares = {f"the {words[name]}": numbers[name] ** 2 for name in WORDS}
-    if inputs:
+    if inputs:  # each parameter stands for itself
         del squares[f"the {words['input']}"]
         squares |= inputs
     largest, square = max(squares.items(), key=itemgetter(1))
@@ -201,11 +214,11 @@ def _verdict(
         amount += f", of which {square**0.5:.2g} are of {largest}"
     if not is_measured:
         return f"{text}: uncertain by {amount}"
-    off = abs(numbers["difference"])
-    if off <= COVERS * total:
-        within = "within twice its" if off > total else "within its"
+    difference = abs(numbers["difference"])
+    if difference <= COVERS * total:
+        within = "within twice its" if difference > total else "within its"
         return f"{text}: agrees {within} uncertainty of {amount}"
-    return f"{text}: the model is wrong by {off:.2g} ± {total:.2g}"
+    return f"{text}: the model is wrong by {difference:.2g} ± {total:.2g}"
 
 
 def _shown(value: float, u: float) -> str:

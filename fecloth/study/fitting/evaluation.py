@@ -57,19 +57,26 @@ def computed_values(row: Mapping, number: int, count: int) -> Computed:
 def computed_curve(
     row: Mapping, number: int, order: int | None, points: Measured, shift: float | None
 ) -> Computed:
-    """The curve of a run at the measured places, which begin at `shift` if it is not None.
+    """Return the values of a curve q(a) of a run, and their derivatives, at the measured places.
 
-    Before the shift the specimen is slack, and has the value of its start. `number` is the
-    place of the quantity among the values of the row, and `order` of what orders the points;
-    None for t. The rows of the run give the curve q(a) through (a_i, q_i). A parameter p changes
-    a value at a fixed place A by ∂q/∂p − (dq/da) ∂a/∂p.
+    `number` is the index of the quantity q among the values of the row; `order` is the index of
+    a, along which the points are ordered, or None if a is the time. The curve is a spline
+    through the rows (a_i, q_i) of the run. A parameter p changes its value at a fixed place by
+    ∂q/∂p − (dq/da) ∂a/∂p.
+
+    `shift` is the measured place at which a = 0, or None without an offset. Before it the
+    specimen is slack, and has the value of its start. Places a little beyond the end lie on a
+    straight line. Raise `InputError` for a run that is no curve; without an offset also for
+    points far beyond its end.
     """
     a, da, q, dq = _read_curve(row, number, order)
     assert points.along is not None
     places = points.along - (shift or 0.0)
+    # an offset moves the places during the search, so that they are not checked
     _check_order(a, points, places if shift is None else np.zeros(1))
     is_slack = np.zeros(len(places), dtype=bool)
     if shift is not None:
+        # the curve may go towards negative a: then slack places are positive
         is_slack = places * np.sign(a[-1] + a[0]) < 0
     places = np.where(is_slack, 0.0, places)
     inside = np.clip(places, a[0], a[-1])
@@ -88,7 +95,9 @@ def _read_curve(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return a (s,), ∂a/∂p (s, k), q (s,) and ∂q/∂p (s, k) of a run, by increasing a.
 
-    A quantity a counts from its start. Rows where a or q has no value are left out.
+    `number` and `order` are the indices of q and a among the values of the row; for `order` =
+    None, a is the time, which no parameter changes. A quantity a counts from its start. Rows
+    where a or q has no value are left out.
     """
     q, dq = _rows(row, number)
     if order is None:
@@ -99,7 +108,7 @@ def _read_curve(
         a = a - a[0]
         da = da - da[0]
     rows = np.flatnonzero(np.isfinite(q) & np.isfinite(a))
-    if len(rows) and a[rows[-1]] < a[rows[0]]:
+    if len(rows) and a[rows[-1]] < a[rows[0]]:  # the grip moves in the negative direction
         rows = rows[::-1]
     return a[rows], da[rows], q[rows], dq[rows]
 
@@ -122,7 +131,11 @@ def _rows(row: Mapping, number: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _check_order(a: np.ndarray, points: Measured, places: np.ndarray) -> None:
-    """Refuse a run with too few rows, that goes back, or that ends before the last place."""
+    """Raise `InputError` if a run is no curve through all measured places.
+
+    This is so if it has less than two rows, if its places `a` do not increase from row to row,
+    or if it ends before the largest of the measured `places` by more than `SPARE`.
+    """
     if len(a) < 2:
         what = f"the run has {len(a)} rows with a value of {points.quantity}"
         remedy = "Give more steps: [equilibrium] load_steps = 10, or a smaller dt."
@@ -231,9 +244,10 @@ class Fitting:
         return replace(self, specimens=tuple(new or old for new, old in pairs))
 
     def evaluate(self, u: np.ndarray, only_fitted: bool = True) -> Evaluation:
-        """Run all specimens, or the fitted specimens only.
+        """Run all specimens, or the fitted ones only, at the unknowns u (m,); return the results.
 
-        A failed run gives NaN, also where the fabric refuses its constants.
+        A failed run gives NaN as residuals and derivatives, also if the fabric refuses its
+        constants; the first cause stands in `Evaluation.cause`.
 
         Raises
         ------
@@ -265,7 +279,11 @@ class Fitting:
     def _run(
         self, numbers: Sequence[int], values: Mapping[str, float], u: np.ndarray
     ) -> Sequence[Mapping]:
-        """Return the rows of specimens, by their numbers; of a refused fabric no row is ok."""
+        """Return the rows of the runs of some specimens, in the order of their `numbers`.
+
+        If a fabric refuses its constants, nothing is run, and all rows are "refused".
+        """
+        # with dp/du as the unit of each constant p, its derivatives are by u
         widths = {
             unknown.name: unknown.slope(at) for unknown, at in zip(self.unknowns, u, strict=True)
         }
@@ -285,37 +303,49 @@ class Fitting:
         return Task(derive_case, specimen.at(values), settings, words, specimen.cost)
 
     def _computed(self, i: int, row: Mapping, values: Mapping[str, float]) -> Iterator[Computed]:
-        """Yield what the run of a specimen gives for each of its columns."""
+        """Yield what the run of specimen number i gives for each of its columns.
+
+        `row` is the row of the run, and `values` has the constants and offsets by name. An
+        experiment that is compared only gets the offset that fits its first column best.
+        """
         specimen = self.specimens[i]
         experiment = specimen.experiment
         if experiment.order is None:
             for number, points in enumerate(specimen.points):
                 yield computed_values(row, number, len(points.values))
             return
-        is_by_quantity = experiment.order[1] is not None  # which is the first value of the row
-        place = 0 if is_by_quantity else None
+        # the quantity that orders the points, if it is not t, is the first value of the row
+        is_by_quantity = experiment.order[1] is not None
+        index_of_order = 0 if is_by_quantity else None
         offsets = [values[unknown.name] for unknown in self.unknowns if unknown.specimen == i]
         offset = offsets[0] if offsets else None
         for number, points in enumerate(specimen.points, start=int(is_by_quantity)):
-            curve = partial(computed_curve, row, number, place, points)
-            if offset is None and experiment.offset:  # it is compared only
+            curve = partial(computed_curve, row, number, index_of_order, points)
+            if offset is None and experiment.offset:  # it is not fitted, so no unknown gives it
                 offset = best_shift(curve, points, specimen.reach / 2)
             yield curve(offset)
 
     def _column(self, i: int, points: Measured, result: Computed, u: np.ndarray) -> Column:
-        """The column of a run; its slopes by constants are by u already."""
+        """Return a measured column of specimen number i beside its computed `result`.
+
+        Both the residuals and their derivatives by u are divided by the uncertainties.
+        """
         J = np.zeros((len(result.values), len(self.unknowns)))
         names = self.specimens[i].names
         for k, unknown in enumerate(self.unknowns):
-            if unknown.specimen == i:
+            if unknown.specimen == i:  # its offset moves all points along the curve
                 J[:, k] = -result.along_slope * unknown.slope(float(u[k]))
-            elif unknown.name in names:
+            elif unknown.name in names:  # by u already, see `_run`
                 J[:, k] = result.slopes[:, names.index(unknown.name)]
         residual = (result.values - points.values) / points.sigma
         return Column(self.specimens[i], points, residual, J / points.sigma[:, None], result)
 
     def report(self, number: int, at: Evaluation, phase: str) -> None:
-        """Print a line for an evaluation."""
+        """Print a line for evaluation `number`, with its constants and misfit, unless quiet.
+
+        The misfit is the mean square of the residuals. `phase` is a text before the number. If a
+        run failed, the line has the cause in place of the misfit.
+        """
         if self.runs.quiet:
             return
         constants = ", ".join(

@@ -72,11 +72,13 @@ class Experiment:
     probes: Sequence[Probe] = field(default=())
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for a wrong quantity, along, offset or fitted."""
         if not (isinstance(self.quantity, Mapping) and self.quantity):
             allowed = 'must be a mapping of columns, as {"force": "reaction.grip.x"}'
             raise InputError(f"quantity = {brief(self.quantity)}", allowed, "Experiment")
         along = self.along
-        if not (along in (None, T) or (isinstance(along, Mapping) and len(along) == 1)):
+        is_pair = isinstance(along, Mapping) and len(along) == 1
+        if not (along in (None, T) or is_pair):
             allowed = 'must be "t", or a column and its quantity, as {"extension": "grip.x"}'
             raise InputError(f"along = {brief(along)}", allowed, "Experiment")
         for name in ("offset", "fitted"):
@@ -95,7 +97,11 @@ class Experiment:
 
     @property
     def order(self) -> tuple[str, Quantity | None] | None:
-        """The column that orders the points, and its quantity, which is None for t."""
+        """The measured column that orders the points, and its quantity.
+
+        The quantity is None if the column has the time, or the part of the loads. Without
+        `along` there is no such column, and the whole is None.
+        """
         if self.along is None:
             return None
         if isinstance(self.along, str):

@@ -19,10 +19,21 @@ NEEDED = ("scene", "data", "quantity")
 def fit(
     path: str | Path, *, starts: int | None = None, trust_geo: bool = False, **shared: Any
 ) -> Fit:
-    """Do the fit of a TOML file; its paths are relative to its folder.
+    """Return the fit of a TOML file; paths in the file are relative to its folder.
 
-    The keys are the arguments of `fit` and of `Experiment`, with `scene` for its problem. An
-    argument `starts` replaces the one of the file.
+    Its keys are the arguments of `fecloth.fit` and, in the tables [[experiments]], of
+    `Experiment`, with `scene` for its problem.
+
+    Parameters
+    ----------
+    path
+        The TOML file.
+    starts
+        Number of starts, in place of the number in the file.
+    trust_geo
+        As for `fecloth.load_scene`.
+    shared
+        Arguments of `fecloth.study.of`, as for `fecloth.fit`.
 
     Raises
     ------
@@ -32,10 +43,10 @@ def fit(
     path = Path(path)
     tables = toml_text.read(path)
     _check_keys(tables, KEYS, ("parameters", "experiments"), str(path))
-    listed = tables["experiments"]
-    if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
+    entries = tables["experiments"]
+    if not (isinstance(entries, list) and all(isinstance(entry, dict) for entry in entries)):
         raise SceneError("experiments", "must be [[experiments]] tables", str(path))
-    experiments = [_experiment(path, i, table, trust_geo) for i, table in enumerate(listed)]
+    experiments = [_experiment(path, i, entry, trust_geo) for i, entry in enumerate(entries)]
     if starts is None:
         starts = tables.get("starts", 1)
     fabric = tables.get("fabric")
@@ -56,11 +67,11 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any], trust_geo: bo
     """Return the experiment of a table; its scene and its data are beside the file."""
     where = f"{path}: experiments.{number}"
     _check_keys(table, OF_EXPERIMENTS, NEEDED, where)
-    given = {key: value for key, value in table.items() if key != "scene"}
-    given["data"] = path.parent / table["data"]
+    arguments = {key: value for key, value in table.items() if key != "scene"}
+    arguments["data"] = path.parent / table["data"]
     scene = load_scene(path.parent / table["scene"], trust_geo=trust_geo)
     with errors_of(where, kind=SceneError):
-        return Experiment(scene, **given)
+        return Experiment(scene, **arguments)
 
 
 def _check_keys(

@@ -111,45 +111,48 @@ def fit(
     >>> print(f"{answer.values['stiffness']:.1f}")
     1000.9
     """
-    listed = [experiments] if isinstance(experiments, Experiment) else list(experiments)
-    if not all(isinstance(experiment, Experiment) for experiment in listed):
+    tests = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    if not all(isinstance(experiment, Experiment) for experiment in tests):
         raise InputError("experiments", "must be a list of Experiment", "fit")
-    if not any(experiment.fitted for experiment in listed):
+    if not any(experiment.fitted for experiment in tests):
         raise InputError("experiments", "at least one must be fitted", "fit")
     runs = Runs(**{key: shared.pop(key) for key in OF_RUNS if key in shared})
-    begin = parameters if isinstance(parameters, Mapping) else {}  # others are refused below
-    specimens = open_specimens(listed, begin, fabric, shared)
+    # `make_unknowns` refuses parameters that are no mapping
+    begin = parameters if isinstance(parameters, Mapping) else {}
+    specimens = open_specimens(tests, begin, fabric, shared)
     fitting = Fitting(specimens, make_unknowns(parameters, specimens), runs)
     _check_cost(fitting, starts, refined)
-    end, same = search(fitting, starts)
+    end, starts_that_end_there = search(fitting, starts)
     remarks = list[str]()
     if starts > 1:
-        remarks.append(f"{same} of {starts} starts end at these constants")
-    coarse = None
+        remarks.append(f"{starts_that_end_there} of {starts} starts end at these constants")
+    coarse_end = None
     if refined:
-        finer = fitting.finer()
-        why = "no problem has h or dt to refine"
-        if finer:
-            better = refine(finer, end)
-            why = better.cause
-        if finer and not why:
-            coarse = end
-            fitting = finer
-            end = better
+        finer_fitting = fitting.finer()
+        why_not = "no problem has h or dt to refine"
+        if finer_fitting:
+            finer_end = refine(finer_fitting, end)
+            why_not = finer_end.cause
+        if finer_fitting and not why_not:
+            coarse_end = end
+            fitting = finer_fitting
+            end = finer_end
         else:
-            remarks.append(f"the part of mesh and step is not known: {why}")
-    if not all(experiment.fitted for experiment in listed):
+            remarks.append(f"the part of mesh and step is not known: {why_not}")
+    if not all(experiment.fitted for experiment in tests):
+        # the search ran the fitted experiments only
         end = fitting.evaluate(end.u, only_fitted=False)
         if end.cause:
             remarks.append(f"not compared: {end.cause}")
-    return summarise(fitting, end, coarse, title, remarks)
+    return summarise(fitting, end, coarse_end, title, remarks)
 
 
 def _check_cost(fitting: Fitting, starts: int, refined: bool) -> None:
-    """Print the predicted size, and refuse a fit that would take too long."""
+    """Print the predicted size, and raise `InputError` for a fit that would take too long."""
     costs = [specimen.cost for specimen in fitting.specimens]
     sizes = USUAL_EVALUATIONS * starts * costs
     if refined:
+        # half of h: four times the triangles
         sizes += [replace(cost, triangles=4 * cost.triangles) for cost in costs]
     check_size(sizes, fitting.runs.jobs, fitting.runs.most_seconds, "fit")
 
@@ -206,7 +209,11 @@ class Search:
         return np.concatenate([self.at(u).jacobian, self.pull])
 
     def run(self, begin: np.ndarray) -> Evaluation:
-        """Search from `begin`; a failed run there ends it."""
+        """Return the evaluation with the least residuals near `begin`, a place u (m,).
+
+        If a run fails at `begin`, return the evaluation there, whose `cause` says why. Raise
+        `InputError` if a measured column has the opposite sign of the computed one.
+        """
         first = self.at(begin)
         if first.cause:
             return first
@@ -224,40 +231,45 @@ class Search:
 
 
 def search(fitting: Fitting, starts: int) -> tuple[Evaluation, int]:
-    """Search from the given start and others: the least misfit, and how many of them end there.
+    """Search from the given start and from others.
+
+    Return the end with the least misfit, and the number of starts that end at the same place.
 
     Raises
     ------
     FitFailed
         If no start runs.
+    InputError
+        For a number of starts outside 1 to 100.
     """
     validation.whole("starts", starts, 1, "fit", most=100)
     ends = []
     for begin in choose_starts(len(fitting.unknowns), starts):
         ends.append(Search(fitting, begin, PULL * np.eye(len(begin))).run(begin))
-    ran = [end for end in ends if not end.cause]
-    if not ran:
+    ends_that_ran = [end for end in ends if not end.cause]
+    if not ends_that_ran:
         remedy = "Begin elsewhere, or give starts = 5."
         raise FitFailed(f"no start of the fit runs: {ends[0].cause}. {remedy}")
-    best = min(ran, key=lambda end: float((end.residual**2).sum()))
-    same = [end for end in ran if np.abs(end.u - best.u).max() < SAME_PLACE]
-    return best, len(same)
+    best = min(ends_that_ran, key=lambda end: float((end.residual**2).sum()))
+    at_same_place = [end for end in ends_that_ran if np.abs(end.u - best.u).max() < SAME_PLACE]
+    return best, len(at_same_place)
 
 
 def refine(fitting: Fitting, end: Evaluation) -> Evaluation:
-    """Go on from the end of a search, with finer meshes and shorter steps.
+    """Search again from the `end` of a search, with the finer meshes and steps of `fitting`.
 
-    Combinations that the data do not tell stay as they are.
+    Return where this search ends. A strong pull keeps combinations of the unknowns that the data
+    do not tell at their place.
     """
     pull_of_untold = PULL_OF_UNTOLD * statistics(end).untold
-    again = Search(
+    finer_search = Search(
         fitting=fitting,
         center=end.u,
         pull=np.concatenate([PULL * np.eye(len(end.u)), pull_of_untold]),
         most=USUAL_EVALUATIONS,
         phase="finer mesh, ",
     )
-    return again.run(end.u)
+    return finer_search.run(end.u)
 
 
 def choose_starts(unknowns: int, starts: int) -> list[np.ndarray]:

@@ -64,19 +64,23 @@ class Measured:
 def read_measured(
     experiment: Experiment, units_of: Sequence[str], along_unit: str, reach: Reach | None
 ) -> tuple[Measured, ...]:
-    """Read the points of an experiment, and refuse points that the run cannot reach.
+    """Return the points of each measured column of an experiment, in SI units.
 
-    `units_of` are the SI units of the measured quantities, `reach` the range of changes of what
-    orders the points, if it is known.
+    `units_of` are the SI units of the measured quantities, and `along_unit` is the one of the
+    column that orders the points. `reach` is the range that the run covers along the curve; None
+    if only the run will tell it.
+
+    Raise `InputError` for a missing column, a value that is no number, an uncertainty that is
+    not > 0, and a point that lies beyond `reach`.
     """
     table = read_table(experiment.data, experiment.label)
     columns = experiment.columns
     named = zip(columns, units_of, strict=True)
     values = [table.numbers(column, unit) for column, unit in named]
-    repeats = _repeats(experiment, table)
+    repeats = _read_repeats(experiment, table)
     along = None
     if experiment.order:
-        along = _along(table, experiment, along_unit, repeats, reach)
+        along = _read_places(table, experiment, along_unit, repeats, reach)
     read = []
     for i, (column, quantity) in enumerate(columns.items()):
         points = Measured(
@@ -92,26 +96,34 @@ def read_measured(
     return tuple(read)
 
 
-def _repeats(experiment: Experiment, table: DataTable) -> np.ndarray:
-    """The number of the repeat of each row; all are one where the column is not there."""
-    wanted = "repeats" in {experiment.sigma_of(column) for column in experiment.columns}
-    if wanted or "repeat" in table:
+def _read_repeats(experiment: Experiment, table: DataTable) -> np.ndarray:
+    """Return the number of the repeat of each row; 0 for all rows without such a column.
+
+    Raise `InputError` if sigma = "repeats" but there are less than 2 repeats.
+    """
+    is_needed = "repeats" in {experiment.sigma_of(column) for column in experiment.columns}
+    if is_needed or "repeat" in table:
         numbers = table.numbers("repeat", None)
-        if wanted and len(np.unique(numbers)) < 2:
+        if is_needed and len(np.unique(numbers)) < 2:
             allowed = "needs at least 2 repeats in the column repeat"
             raise InputError('sigma = "repeats"', allowed, table.where)
         return numbers
     return np.zeros(len(table.lines))
 
 
-def _along(
+def _read_places(
     table: DataTable, experiment: Experiment, unit: str, repeats: np.ndarray, reach: Reach | None
 ) -> np.ndarray:
-    """The changes from the start at each row."""
+    """Return the place of each row along the curve: the change from the start, or the time.
+
+    If no value of a quantity lies within `reach`, the column counts as a distance, as between
+    two clamps, and its changes from the first value of each repeat are returned. Raise
+    `InputError` for a place beyond `reach`.
+    """
     assert experiment.order is not None
     column, quantity = experiment.order
-    has_unit = table.cells.get(column, ("",))[0]
-    if not quantity and not unit and has_unit is not None:
+    written_unit = table.cells.get(column, ("",))[0]
+    if not quantity and not unit and written_unit is not None:
         unit_of_column = "s"  # the part of the loads has no unit, and may be a time of 1 s
     else:
         unit_of_column = unit
@@ -122,16 +134,17 @@ def _along(
     spare = ROUND_OFF_OF_REACH * max(abs(low), abs(high))
     is_reached = (values >= low - spare) & (values <= high + spare)
     if quantity and values.size and not is_reached.any():
-        for number in np.unique(repeats):  # a distance, not a change: from its first value
+        for number in np.unique(repeats):
             rows = repeats == number
             values[rows] -= values[rows][0]
-    moved = values
-    if experiment.offset and high > -low:  # the offset moves it by at most half of the reach
+    shifted = values
+    if experiment.offset and high > -low:
+        # the best that the fit can do: an offset of at most half of the reach
         half = (high - low) / 2
-        moved = values - np.clip(values.min() - low, -half, half)
-    outside = np.flatnonzero((moved < low - spare) | (moved > high + spare))
-    if len(outside):
-        row = outside[np.argmax(np.abs(moved[outside]))]
+        shifted = values - np.clip(values.min() - low, -half, half)
+    beyond_reach = np.flatnonzero((shifted < low - spare) | (shifted > high + spare))
+    if len(beyond_reach):
+        row = beyond_reach[np.argmax(np.abs(shifted[beyond_reach]))]
         what = f"line {table.lines[row]}: {column} = {values[row]:.6g} {unit}".rstrip()
         allowed = f"is beyond what the run reaches, {low:.6g} to {high:.6g} {unit}".rstrip()
         remedy = "Move the grip farther, leave points out, or look at the sign and the unit."
@@ -142,49 +155,59 @@ def _along(
 def _with_sigma(
     points: Measured, experiment: Experiment, table: DataTable, repeats: np.ndarray
 ) -> Measured:
-    """The points with their uncertainties; the means of repeats if these give it."""
-    asked = experiment.sigma_of(points.column)
-    if asked == "repeats":
+    """Return the points with their standard uncertainties.
+
+    With sigma = "repeats" they are the means of the repeats, with the uncertainty that their
+    scatter gives. Raise `InputError` for an uncertainty that is not > 0.
+    """
+    stated_sigma = experiment.sigma_of(points.column)
+    if stated_sigma == "repeats":
         return _mean_of_repeats(points, table, repeats)
-    sigma = _sigma(table, points.column, points.unit, points.values, asked)
+    sigma = _read_sigma(table, points.column, points.unit, points.values, stated_sigma)
     if not (sigma > 0).all():
         line = table.lines[int(np.argmin(sigma))]
         what = f"line {line}: sigma of {points.column} = {sigma.min():g} {points.unit}".rstrip()
         remedy = 'As "2 %" of the largest value, or "0.1 N".'
         raise InputError(what, "must be > 0", table.where, remedy)
-    return replace(points, sigma=sigma, is_assumed=asked is None)
+    return replace(points, sigma=sigma, is_assumed=stated_sigma is None)
 
 
-def _sigma(
-    table: DataTable, column: str, unit: str, values: np.ndarray, asked: str | float | None
+def _read_sigma(
+    table: DataTable, column: str, unit: str, values: np.ndarray, stated: str | float | None
 ) -> np.ndarray:
-    """The standard uncertainties (n,) of the values."""
-    same = np.ones(len(values))
+    """Return the standard uncertainties (n,) of the values of a column, in SI.
+
+    `stated` is what the experiment says: a number in SI, the name of a column of the table, a
+    text in per cent of the largest value, a text with a unit, or None for `ASSUMED_SIGMA`. Raise
+    `InputError` for any other text.
+    """
+    ones = np.ones(len(values))
     largest = np.abs(values).max()
-    if asked is None:
-        return ASSUMED_SIGMA * largest * same
-    if not isinstance(asked, str):
-        return float(asked) * same
-    if asked in table:
-        return table.numbers(asked, unit)
-    words = asked.strip()
+    if stated is None:
+        return ASSUMED_SIGMA * largest * ones
+    if not isinstance(stated, str):
+        return float(stated) * ones
+    if stated in table:
+        return table.numbers(stated, unit)
+    text = stated.strip()
     try:
-        if words.endswith("%"):
-            return float(words[:-1]) / 100 * largest * same
+        if text.endswith("%"):
+            return float(text[:-1]) / 100 * largest * ones
         if unit:
             dimension = DIMENSIONS[unit.replace("²", "^2").replace("³", "^3")]
-            return units.quantity("sigma", words, dimension) * same
-        return float(words) * same
+            return units.quantity("sigma", text, dimension) * ones
+        return float(text) * ones
     except (ValueError, KeyError) as error:
         allowed = 'must be as "2 %", "0.1 N", the name of a column, or "repeats"'
-        raise InputError(f"sigma = {brief(asked)}", allowed, table.where) from error
+        raise InputError(f"sigma = {brief(stated)}", allowed, table.where) from error
 
 
 def _mean_of_repeats(points: Measured, table: DataTable, repeats: np.ndarray) -> Measured:
-    """The mean of the repeats, on equal steps along the part of the curve that all have.
+    """Return the mean of the R repeats, at equal steps along the part of the curve they share.
 
-    Its uncertainty is the scatter of the repeats, one number for the curve, over √R. It is at
-    least the round-off of the values, where all repeats are the same.
+    The mean has as many points as a repeat usually has. Its standard uncertainty is the scatter
+    of the repeats, one number for the whole curve, over √R. If all repeats are the same, it is
+    the round-off of the values. Raise `InputError` if the repeats share no part of the curve.
     """
     along = points.along
     groups = [np.flatnonzero(repeats == number) for number in np.unique(repeats)]
@@ -197,14 +220,17 @@ def _mean_of_repeats(points: Measured, table: DataTable, repeats: np.ndarray) ->
         if not begin < end:
             allowed = "the repeats have no part of the curve in common"
             raise InputError(f"column {points.column!r}", allowed, table.where)
-        places = np.linspace(begin, end, int(np.median([len(rows) for rows in groups])))
+        usual_number_of_points = int(np.median([len(rows) for rows in groups]))
+        places = np.linspace(begin, end, usual_number_of_points)
         curves = np.empty((len(groups), len(places)))
         for i, rows in enumerate(groups):
-            ordered = rows[np.argsort(along[rows], kind="stable")]
-            curves[i] = np.interp(places, along[ordered], points.values[ordered])
+            # np.interp needs increasing places
+            ordered_rows = rows[np.argsort(along[rows], kind="stable")]
+            curves[i] = np.interp(places, along[ordered_rows], points.values[ordered_rows])
     mean = curves.mean(axis=0)
     scatter = curves - mean
-    variance = (scatter**2).sum() / (scatter.size - mean.size)  # R − 1 of R are free
+    # at each point R − 1 of the R differences from the mean are independent
+    variance = (scatter**2).sum() / (scatter.size - mean.size)
     round_off = np.finfo(float).eps * np.abs(mean).max()
     sigma = max(np.sqrt(variance / len(groups)), round_off)
     return replace(

@@ -104,22 +104,25 @@ class Fit(StudyResult):
     def figure(self) -> Figure:
         """Return a panel for each measured column: points and curve, with residuals below."""
         rows = list(self.experiments)
-        columns = min(PANELS_IN_ROW, len(rows))
-        count = math.ceil(len(rows) / columns)
+        panels_in_row = min(PANELS_IN_ROW, len(rows))
+        rows_of_panels = math.ceil(len(rows) / panels_in_row)
         drawing, axes = new_figure(
-            2 * count,
-            columns,
-            (4.2 * columns, 4.6 * count),
+            2 * rows_of_panels,
+            panels_in_row,
+            (4.2 * panels_in_row, 4.6 * rows_of_panels),
             squeeze=False,
-            height_ratios=[3, 1] * count,
+            height_ratios=[3, 1] * rows_of_panels,
         )
-        panels = axes.reshape(count, 2, columns).swapaxes(1, 2).reshape(-1, 2)
-        for ax in panels[len(rows) :].ravel():
+        # (panels, 2): the axes of the curve, and below it the axes of the residuals
+        panels = axes.reshape(rows_of_panels, 2, panels_in_row).swapaxes(1, 2).reshape(-1, 2)
+        for ax in panels[len(rows) :].ravel():  # the rest of the last row is empty
             ax.set_axis_off()
         for row, (above, below) in zip(rows, panels, strict=False):
             name = row["experiment"], row["column"]
-            own: list[Any] = [p for p in self.points if (p["experiment"], p["column"]) == name]
-            _draw(above, below, row, sorted(own, key=lambda point: point["along"]))
+            points: list[Any] = [
+                point for point in self.points if (point["experiment"], point["column"]) == name
+            ]
+            _draw(above, below, row, sorted(points, key=lambda point: point["along"]))
         return drawing
 
     def report(self, folder: str | Path) -> Path:
@@ -139,16 +142,20 @@ class Fit(StudyResult):
 
 
 def _draw(above: Any, below: Any, row: Mapping, points: Sequence[Mapping]) -> None:
-    """Draw the points and the curve of a measured column, and the residuals."""
+    """Draw the points and the curve of a measured column `above`, and the residuals `below`.
+
+    `above` and `below` are axes of matplotlib. `row` is the row of the column in
+    `Fit.experiments`, and `points` are its rows in `Fit.points`, along the curve.
+    """
     x = [point["along"] for point in points]
     measured = [point["measured"] for point in points]
     sigma = [point["sigma"] for point in points]
-    dots = {"fmt": ".", "color": COLOURS[0], "elinewidth": 0.6}
-    above.errorbar(x, measured, yerr=sigma, label="measured", **dots)
+    look = {"fmt": ".", "color": COLOURS[0], "elinewidth": 0.6}
+    above.errorbar(x, measured, yerr=sigma, label="measured", **look)
     above.plot(x, [point["computed"] for point in points], color=COLOURS[1], label="computed")
     above.set_ylabel(f"{row['column']} [{row['unit']}]" if row["unit"] else row["column"])
-    used = "" if row["fitted"] == "yes" else " (not fitted)"
-    above.set_title(f"{row['experiment']}{used}", loc="left")
+    note = "" if row["fitted"] == "yes" else " (not fitted)"
+    above.set_title(f"{row['experiment']}{note}", loc="left")
     above.legend()
     below.plot(x, [point["residual"] for point in points], ".", color=COLOURS[0])
     below.axhline(0.0, color="k", lw=0.8)
@@ -156,13 +163,22 @@ def _draw(above: Any, below: Any, row: Mapping, points: Sequence[Mapping]) -> No
 
 
 def summarise(
-    fitting: Fitting, end: Evaluation, coarse: Evaluation | None, title: str, remarks: list[str]
+    fitting: Fitting,
+    end: Evaluation,
+    coarse_end: Evaluation | None,
+    title: str,
+    remarks: list[str],
 ) -> Fit:
-    """The result at the end of a fit; `coarse` is the end before h and dt were halved."""
+    """Return the result of a fit: constants, intervals, tables, and the answer in words.
+
+    `end` is where the search ended, and `coarse_end` is where it ended before h and dt were
+    halved; None if they were not. A constant that the data do not tell has no interval and no
+    shift; no constant has an interval if the law is wrong.
+    """
     facts = statistics(end)
     constants = fitting.constants
     count = len(constants)
-    half = facts.quantile * np.sqrt(np.diag(facts.covariance))
+    half_intervals = facts.quantile * np.sqrt(np.diag(facts.covariance))  # of u
     values = {}
     intervals = {}
     numerical = {}
@@ -174,12 +190,13 @@ def summarise(
         slopes.append(constant.slope(u))
         intervals[name] = NO_INTERVAL
         if facts.told[i] and not facts.law_fails:
-            intervals[name] = constant.spread(u, float(half[i]))
+            intervals[name] = constant.spread(u, float(half_intervals[i]))
         numerical[name] = np.nan
-        if facts.told[i] and coarse:
-            numerical[name] = values[name] - coarse.values[name]
+        if facts.told[i] and coarse_end:
+            numerical[name] = values[name] - coarse_end.values[name]
+    # of the constants p, by the slopes dp/du; the offsets come last in u
     covariance = facts.covariance[:count, :count] * np.outer(slopes, slopes)
-    rows: list[Any] = _experiments(end)
+    rows: list[Any] = _rows_of_experiments(end)
     verdict = [
         words.describe_fit(fitting, end, facts),
         *(words.describe_value(name, values[name], intervals[name]) for name in values),
@@ -191,7 +208,7 @@ def summarise(
     return Fit(
         title=title,
         verdict="\n".join(verdict),
-        table=_table(fitting, values, intervals, numerical),
+        table=_table_of_constants(fitting, values, intervals, numerical),
         values=values,
         intervals=intervals,
         covariance=covariance,
@@ -201,23 +218,29 @@ def summarise(
         law_fails=facts.law_fails,
         offsets={row["experiment"]: row["offset"] for row in rows if row["offset"] is not None},
         experiments=Table(tuple(rows)),
-        points=_points(end),
-        fabric=_fabric(fitting, values, intervals, covariance),
+        points=_table_of_points(end),
+        fabric=_fitted_fabric(fitting, values, intervals, covariance),
         remarks=(*remarks, *_describe_held(fitting), *_describe_assumed(end)),
     )
 
 
 def _describe_held(fitting: Fitting) -> Iterator[str]:
-    """Which constants of the fabric were taken as given."""
-    held: dict[str, dict[str, None]] = {}  # texts of values by name, in their order
+    """Yield a sentence with the constants of the fabrics that were not sought, and their values.
+
+    There is none if all were sought. A constant that differs between the specimens has several
+    values; constants that are 0 are left out.
+    """
+    held_values: dict[str, dict[str, None]] = {}  # by constant: texts, each once, in their order
     for specimen in fitting.specimens:
         for name, value in numbers_of(specimen.problem):
+            # the unknown may be a pair, whose numbers end with .0 and .1
             is_sought = name in specimen.names or name.rpartition(".")[0] in specimen.names
             if name.startswith("fabric.") and value and not is_sought:
-                held.setdefault(name.removeprefix("fabric."), {})[f"{value:.4g}"] = None
-    if held:
-        listed = ", ".join(f"{name} = {' and '.join(texts)}" for name, texts in held.items())
-        yield f"taken as given, and not measured: {listed}"
+                texts = held_values.setdefault(name.removeprefix("fabric."), {})
+                texts[f"{value:.4g}"] = None
+    if held_values:
+        items = [f"{name} = {' and '.join(texts)}" for name, texts in held_values.items()]
+        yield f"taken as given, and not measured: {', '.join(items)}"
 
 
 def _describe_assumed(end: Evaluation) -> Iterator[str]:
@@ -228,13 +251,16 @@ def _describe_assumed(end: Evaluation) -> Iterator[str]:
         yield f"{listed}: no sigma is given, so {share} of the largest value is assumed"
 
 
-def _table(
+def _table_of_constants(
     fitting: Fitting,
     values: Mapping[str, float],
     intervals: Mapping[str, Interval],
     numerical: Mapping[str, float],
 ) -> Table:
-    """A row for each constant."""
+    """Return the table of the constants: value, interval, shift and start, in SI.
+
+    The arguments are by the names of the constants, as in `Fit`.
+    """
     rows: list[dict[str, Cell]] = [
         {
             "constant": constant.name,
@@ -250,13 +276,17 @@ def _table(
     return Table(tuple(rows))
 
 
-def _experiments(end: Evaluation) -> list[dict[str, Cell]]:
-    """A row for each measured column."""
+def _rows_of_experiments(end: Evaluation) -> list[dict[str, Cell]]:
+    """Return a row for each measured column: its points, and how far the fit is off there.
+
+    "rms / sigma" is in units of the uncertainty of each point. "rms %" and "largest %" are in
+    per cent of the largest measured value. They are NaN if the run failed.
+    """
     rows: list[dict[str, Cell]] = []
     for column in end.columns:
         experiment = column.specimen.experiment
         points = column.points
-        r = column.residual
+        r = column.residual  # in units of sigma
         difference = r * points.sigma  # computed − measured
         along = experiment.order[0] if experiment.order else "number"
         if points.along_unit:
@@ -280,41 +310,57 @@ def _experiments(end: Evaluation) -> list[dict[str, Cell]]:
     return rows
 
 
-def _points(end: Evaluation) -> Table:
-    """A row for each measured point."""
+def _table_of_points(end: Evaluation) -> Table:
+    """Return a row for each measured point, in SI units.
+
+    "along" is its place along the curve, or its number if there is no curve. "residual" is
+    computed − measured value in units of sigma; it and "computed" are NaN if the run failed.
+    """
     rows: list[dict[str, Cell]] = []
-    for column in end.columns:
-        points = column.points
-        r = column.residual
-        places = np.arange(len(r)) if points.along is None else points.along
-        computed = points.values + r * points.sigma
-        names = "experiment", "column", "along", "measured", "sigma", "computed", "residual"
-        for numbers in zip(places, points.values, points.sigma, computed, r, strict=True):
-            cells: list[Cell] = [column.label, points.column, *map(float, numbers)]
-            rows.append(dict(zip(names, cells, strict=True)))
+    for fitted in end.columns:
+        points = fitted.points
+        residuals = fitted.residual
+        places = np.arange(len(residuals)) if points.along is None else points.along
+        computed = points.values + residuals * points.sigma
+        for i, residual in enumerate(residuals):
+            row: dict[str, Cell] = {
+                "experiment": fitted.label,
+                "column": points.column,
+                "along": float(places[i]),
+                "measured": float(points.values[i]),
+                "sigma": float(points.sigma[i]),
+                "computed": float(computed[i]),
+                "residual": float(residual),
+            }
+            rows.append(row)
     return Table(tuple(rows))
 
 
-def _fabric(
+def _fitted_fabric(
     fitting: Fitting,
     values: Mapping[str, float],
     intervals: Mapping[str, Interval],
     covariance: np.ndarray,
 ) -> dict[str, Any]:
-    """The table [fabric] of the fitted scenes, with the uncertainty of what has an interval."""
-    scene = next((s for s in fitting.specimens if isinstance(s.problem, SceneProblem)), None)
-    own = {name: value for name, value in values.items() if name.startswith("fabric.")}
-    if not (scene and own):
+    """Return the table [fabric] with the fitted constants, from the first scene of the fit.
+
+    Its [fabric.uncertainty] has the standard uncertainties of the constants with an interval,
+    and their correlations. The table is empty if no problem is a scene, or if no constant of a
+    fabric was fitted. `covariance` (k, k) is the one of `values`, in their order.
+    """
+    specimen = next((s for s in fitting.specimens if isinstance(s.problem, SceneProblem)), None)
+    constants = {name: value for name, value in values.items() if name.startswith("fabric.")}
+    if not (specimen and constants):
         return {}
-    fabric = fabric_with(scene.problem.tables["fabric"], own)
+    fabric = fabric_with(specimen.problem.tables["fabric"], constants)
     keys = [name.removeprefix("fabric.") for name in values]
-    has_interval = [name in own and np.isfinite(intervals[name][0]) for name in values]
-    known = np.flatnonzero(has_interval).tolist()
-    standard = np.sqrt(np.diag(covariance))
-    uncertainty: dict[str, Any] = {keys[i]: float(standard[i]) for i in known}
+    has_interval = [name in constants and np.isfinite(intervals[name][0]) for name in values]
+    with_interval = np.flatnonzero(has_interval).tolist()
+    deviations = np.sqrt(np.diag(covariance))
+    uncertainty: dict[str, Any] = {keys[i]: float(deviations[i]) for i in with_interval}
     correlations = []
-    for i, j in combinations(known, 2):
-        correlation = float(covariance[i, j] / (standard[i] * standard[j]))
+    for i, j in combinations(with_interval, 2):
+        correlation = float(covariance[i, j] / (deviations[i] * deviations[j]))
         correlations.append([keys[i], keys[j], correlation])
     if correlations:
         uncertainty["correlation"] = correlations

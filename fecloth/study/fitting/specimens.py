@@ -87,7 +87,10 @@ class Specimen:
         return Sought(parameters, self.quantities, tolerance, self.is_curve)
 
     def finer(self) -> "Specimen | None":
-        """The specimen with h/2, dt/2 or twice the load steps; None if it has none of them."""
+        """Return the specimen with half of h and of dt, a quarter of rtol, twice the load steps.
+
+        What the problem does not have stays out; return None if it has none of them.
+        """
         problem = self.problem
         level = Level(
             h=FINER if problem.can_refine("h") else 1.0,
@@ -95,34 +98,42 @@ class Specimen:
             sharper=None,
             rtol=FINER**2 if problem.rtol else 1.0,
         )
-        changes = _finer_values(problem) if isinstance(problem, SceneProblem) else {}
-        if level.h == level.dt == level.rtol == 1.0 and not changes:
+        finer_values = _finer_values(problem) if isinstance(problem, SceneProblem) else {}
+        if level.h == level.dt == level.rtol == 1.0 and not finer_values:
             return None
         finer = problem.refined(level)
-        if changes:
-            finer = finer.changed(Change(values=changes))
+        if finer_values:
+            finer = finer.changed(Change(values=finer_values))
         return replace(self, problem=finer)
 
 
 def _finer_values(problem: SceneProblem) -> dict[str, object]:
-    """The values of a scene that no `Level` refines: its load steps, and h of pieces."""
-    values = dict[str, object]()
-    static = problem.scene.equilibrium
-    if static and static.load_steps > 1:
-        values["equilibrium.load_steps"] = int(FINER * static.load_steps)
+    """Return finer values for what a `Level` does not refine, by the keys of the scene.
+
+    They are more load steps, and a smaller h of each piece of cloth that has an h of its own.
+    """
+    finer_values = dict[str, object]()
+    equilibrium = problem.scene.equilibrium
+    if equilibrium and equilibrium.load_steps > 1:  # a single one has no path to refine
+        finer_values["equilibrium.load_steps"] = int(FINER * equilibrium.load_steps)
     for name, piece in problem.tables["cloth"].get("pieces", {}).items():
         if piece.get("h"):
-            values[f"cloth.pieces.{name}.h"] = piece["h"] / FINER
-    return values
+            finer_values[f"cloth.pieces.{name}.h"] = piece["h"] / FINER
+    return finer_values
 
 
 def fabric_with(table: Mapping[str, Any], values: Values) -> dict[str, Any]:
-    """The table of a fabric with the values of keys such as "fabric.tensile_stiffness.0"."""
+    """Return a copy of the table of a fabric with other constants, and without uncertainties.
+
+    `values` are by names such as "fabric.density", or "fabric.tensile_stiffness.0" for the first
+    number of a pair; names of other tables are passed over. Raise `InputError` for a name that
+    is no constant of a fabric, and for a pair of which one number is missing.
+    """
     fabric = {key: value for key, value in table.items() if key != "uncertainty"}
     for name, value in values.items():
-        first, _, rest = name.partition(".")
+        table_name, _, rest = name.partition(".")
         key, _, number = rest.partition(".")
-        if first != FABRIC:
+        if table_name != FABRIC:
             continue
         if key not in CONSTANTS:
             allowed = f"is no constant of a fabric; these are {', '.join(CONSTANTS)}"
@@ -131,22 +142,28 @@ def fabric_with(table: Mapping[str, Any], values: Values) -> dict[str, Any]:
             _put_in_pair(fabric, key, number, value, values)
         else:
             fabric[key] = value
-    missing = [key for key, value in fabric.items() if isinstance(value, list) and None in value]
-    if missing:
-        allowed = "needs both numbers of the pair, .0 and .1, in parameters or [fabric]"
-        raise InputError(f"fabric.{missing[0]}", allowed, "fit")
+    # `_put_in_pair` leaves None where the fabric has no number
+    for key, value in fabric.items():
+        if isinstance(value, list) and None in value:
+            allowed = "needs both numbers of the pair, .0 and .1, in parameters or [fabric]"
+            raise InputError(f"fabric.{key}", allowed, "fit")
     return fabric
 
 
 def _put_in_pair(
     fabric: dict[str, Any], key: str, number: str, value: float, values: Values
 ) -> None:
-    """Put a value in the table of a fabric as the number of warp, "0", or of weft, "1"."""
+    """Set one number of the pair `key` in the table `fabric`: of warp, "0", or of weft, "1".
+
+    The other number stays; it is None if the table has none. `values` are all constants that
+    will be set. Raise `InputError` for another `number`. Also raise it if the table has one
+    number for both directions and `values` has only one of the pair.
+    """
     name = f"{FABRIC}.{key}.{number}"
     parameter = f"parameter {name!r}"
     old = fabric.get(key)
-    other = f"{FABRIC}.{key}.{1 - int(number == '1')}"
-    if is_number(old) and other not in values:
+    name_of_other = f"{FABRIC}.{key}.{1 - int(number == '1')}"
+    if is_number(old) and name_of_other not in values:
         allowed = "is one of two, but the fabric has one number for both directions"
         raise InputError(parameter, allowed, "fit", f"Fit {FABRIC}.{key}.")
     if number not in ("0", "1"):
@@ -162,14 +179,22 @@ def open_specimens(
     fabric: Mapping[str, Any] | Fabric | None,
     shared: Mapping[str, Any],
 ) -> tuple[Specimen, ...]:
-    """Open all problems and read all data; raise `InputError` for what does not fit."""
+    """Open the problems of all experiments, and read their data.
+
+    `parameters` are the starts of the constants by name. `fabric` is the rest of the fabric of
+    scenes; None if each has its own. `shared` are arguments of `fecloth.study.of`.
+
+    Raise `InputError` for data that do not fit their problem, and for a parameter that is no
+    number of any fitted experiment: nothing would tell it.
+    """
     specimens = tuple(_open(experiment, parameters, fabric, shared) for experiment in experiments)
     fitted = [specimen for specimen in specimens if specimen.experiment.fitted]
     for name in parameters:
         if not any(name in specimen.names for specimen in fitted):
-            known = sorted({key for specimen in fitted for key, _ in numbers_of(specimen.problem)})
-            allowed = f"is no number of any fitted experiment, which have {', '.join(known)}"
-            raise InputError(f"parameter {name!r}", allowed, "fit", did_you_mean(name, known))
+            numbers = {key for specimen in fitted for key, _ in numbers_of(specimen.problem)}
+            names = sorted(numbers)
+            allowed = f"is no number of any fitted experiment, which have {', '.join(names)}"
+            raise InputError(f"parameter {name!r}", allowed, "fit", did_you_mean(name, names))
     return specimens
 
 
@@ -179,29 +204,40 @@ def _open(
     fabric: Mapping[str, Any] | Fabric | None,
     shared: Mapping[str, Any],
 ) -> Specimen:
-    """Open a problem with the starts of the constants that it has, and read its data."""
+    """Return the specimen of an experiment: its problem with the starts in it, and its data.
+
+    The arguments are the ones of `open_specimens`. Raise `InputError` for a problem without any
+    of the parameters, for a parameter that is a size such as h, and for a `fabric` beside a
+    function.
+    """
     sizes = {name: getattr(experiment, name) for name in ("h", "dt", "t_end")}
     own: dict[str, Any] = {name: value for name, value in sizes.items() if value is not None}
     if len(experiment.probes):
         own["probes"] = experiment.probes
-    given = own if isinstance(experiment.problem, Opened) else {**shared, **own}
-    problem = open_study(experiment.problem, given).problem
+    # a problem that is opened already has had the shared arguments
+    arguments = own if isinstance(experiment.problem, Opened) else {**shared, **own}
+    problem = open_study(experiment.problem, arguments).problem
     if isinstance(problem, SceneProblem):
         problem = _with_fabric(problem, parameters, fabric)
     else:
         if fabric is not None:
             raise InputError("fabric = …", "is for scenes; a function makes its own", "fit")
-        arguments = inspect.signature(problem.function).parameters
-        start = {k: v for k, v in parameters.items() if k.partition(".")[0] in arguments}
+        of_function = inspect.signature(problem.function).parameters
+        start = {k: v for k, v in parameters.items() if k.partition(".")[0] in of_function}
         problem = problem.changed(Change(values=grouped(problem, start)))
-    known = dict(numbers_of(problem))
-    names = [n for n in parameters if n in known or any(k.startswith(f"{n}.") for k in known)]
+    numbers = dict(numbers_of(problem))
+    names = []
+    for name in parameters:
+        # a pair, whose numbers end with .0 and .1, is no number itself
+        is_pair = any(key.startswith(f"{name}.") for key in numbers)
+        if name in numbers or is_pair:
+            names.append(name)
     for name in parameters:
         refuse_sizes(problem, name)
     if not names:
         listed = ", ".join(parameters)
-        allowed = f"has none of the parameters {listed}; it has {', '.join(known)}"
-        remedy = did_you_mean(next(iter(parameters), ""), known)
+        allowed = f"has none of the parameters {listed}; it has {', '.join(numbers)}"
+        remedy = did_you_mean(next(iter(parameters), ""), numbers)
         raise InputError(f"experiment {experiment.label}", allowed, "fit", remedy)
     return _measure(experiment, problem, tuple(names))
 
@@ -209,12 +245,17 @@ def _open(
 def _with_fabric(
     problem: SceneProblem, parameters: Values, fabric: Mapping[str, Any] | Fabric | None
 ) -> Problem:
-    """The scene with the fabric that is given, else with its own, and the starts in it."""
+    """Return the scene with a fabric that has the starts of its constants.
+
+    The fabric is `fabric`, or the scene's own if that is None. Raise `InputError` for a
+    parameter that is no constant of a fabric.
+    """
     start = {k: v for k, v in parameters.items() if k.startswith(f"{FABRIC}.")}
     base: Any = problem.tables.get(FABRIC, {}) if fabric is None else fabric
     if isinstance(base, Fabric):
         base = {k: v for k, v in dataclasses.asdict(base).items() if v not in (None, "")}
-    if Shorthands.model_fields.keys() & base.keys():  # as a preset, which has more constants
+    if Shorthands.model_fields.keys() & base.keys():
+        # a shorthand, such as a preset, stands for constants: the scene writes them out
         base = problem.changed(Change(values={FABRIC: base})).tables[FABRIC]
     if fabric is None and not start:
         return problem
@@ -222,40 +263,52 @@ def _with_fabric(
 
 
 def _measure(experiment: Experiment, problem: Problem, names: tuple[str, ...]) -> Specimen:
-    """Check the quantities of a problem, and read its data."""
+    """Return the specimen of a problem, with the points that were measured.
+
+    `names` are the unknown constants that the problem has. Raise `InputError` for a quantity
+    that the run does not have, for one that is no plain column along a curve, and for data that
+    do not fit (see `read_measured`).
+    """
     setup = problem.first
     specimen = Specimen(experiment, problem, names, points=())
-    for asked in specimen.quantities:
-        # along a curve no vector will do: a column, as for a maximum
-        problem.check_quantity(replace(asked, how="max") if specimen.is_curve else asked)
-        if specimen.is_curve and (asked.how != "value" or asked.at is not None):
+    for quantity in specimen.quantities:
+        if not specimen.is_curve:
+            problem.check_quantity(quantity)
+            continue
+        # the check of a maximum refuses vectors, too, which have no curve
+        problem.check_quantity(replace(quantity, how="max"))
+        if quantity.how != "value" or quantity.at is not None:
             allowed = "must be a column of the run, as reaction.grip.x"
-            raise InputError(f"{asked}: along a curve", allowed, experiment.label)
+            raise InputError(f"{quantity}: along a curve", allowed, experiment.label)
     energies = setup.energies
     units = [quantity.unit(energies) for quantity in experiment.columns.values()]
     if experiment.order is None:
         points = read_measured(experiment, units, along_unit="", reach=None)
         return replace(specimen, points=points)
-    _, quantity = experiment.order
-    if quantity:
-        along_unit = quantity.unit(energies)
+    _, quantity_along = experiment.order
+    if quantity_along:
+        along_unit = quantity_along.unit(energies)
     elif setup.is_static:  # t is the part of the loads
         along_unit = ""
     else:
         along_unit = "s"
-    reach = known_reach(setup, quantity)
+    reach = known_reach(setup, quantity_along)
     points = read_measured(experiment, units, along_unit, reach)
     if reach:
         farthest = max(map(abs, reach))
     else:
         farthest = max(np.ptp(column.along) for column in points if column.along is not None)
+    # the reach is a unit, and must not be 0
     return replace(specimen, points=points, reach=float(farthest) or 1.0)
 
 
 def known_reach(setup: Setup, quantity: Quantity | None) -> Reach | None:
-    """The range of t, or of the changes of a quantity of the grips; None if only the run tells.
+    """Return the range that a run covers along its curve: the least and the largest place.
 
-    It is a quantity of the grips if it stays the same where all free nodes lie elsewhere.
+    The place is t if `quantity` is None, else the change of the quantity from its start. The
+    range of a quantity is known before the run if it is one of the grips alone, whose motion is
+    given. To see this, it is computed twice, with the free nodes at their start and at random
+    places: it must stay the same. Return None if only the run will tell the range.
     """
     start = setup.start
     end = setup.t_end
@@ -264,18 +317,18 @@ def known_reach(setup: Setup, quantity: Quantity | None) -> Reach | None:
     if quantity is None:
         return start.t, end
     constraints = setup.system.constraints
-    spread = np.ptp(setup.cloth.X)
-    elsewhere = start.x + spread * np.random.default_rng(0).standard_normal(start.x.shape)
+    size = np.ptp(setup.cloth.X)
+    random_x = start.x + size * np.random.default_rng(0).standard_normal(start.x.shape)
     observer = setup.recording([quantity.column]).observer
     values = []
     for t in np.linspace(start.t, end, TIMES_OF_GRIPS):
         target = constraints.target(start.t, t - start.t, start.x)[0]
-        for x in (start.x, elsewhere):
+        for x in (start.x, random_x):
             state = State(float(t), constraints.hold(x, target), np.zeros_like(x))
             row = replace(observer, start=state).row(None, None)
             values.append(row.get(quantity.column, np.nan))
-    here, there = np.reshape(values, (TIMES_OF_GRIPS, 2)).T
-    if not np.allclose(here, there, rtol=0, atol=1e-9 * spread):
+    at_start, at_random = np.reshape(values, (TIMES_OF_GRIPS, 2)).T
+    if not np.allclose(at_start, at_random, rtol=0, atol=1e-9 * size):  # 1e-9 is round-off
         return None
-    changes = here - here[0]
+    changes = at_start - at_start[0]
     return float(changes.min()), float(changes.max())

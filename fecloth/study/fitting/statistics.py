@@ -64,26 +64,31 @@ class Statistics:
 
 
 def statistics(end: Evaluation) -> Statistics:
-    """Return what the points tell at the end of a fit."""
+    """Return what the points tell of the unknowns at the end of a fit.
+
+    It follows from the singular values of J, see the head of this module. The covariance is
+    multiplied by the misfit where this is above 1.
+    """
     J = end.jacobian
     r = end.residual
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
-    if len(s) < J.shape[1]:  # fewer points than unknowns
+    if len(s) < J.shape[1]:
+        # with fewer points than unknowns, rows of zeros give the missing singular values, 0
         padding = np.zeros((J.shape[1] - len(s), J.shape[1]))
         U, s, Vt = np.linalg.svd(np.vstack([J, padding]))
-    kept = np.maximum(s, LEAST_SINGULAR)
-    inverse = (Vt.T / kept) @ U[: len(r), : len(s)].T  # J⁺
+    s_above_0 = np.maximum(s, LEAST_SINGULAR)  # to divide by
+    inverse = (Vt.T / s_above_0) @ U[: len(r), : len(s)].T  # J⁺
     freedom = len(r) - int((s > LEAST_SINGULAR).sum())
     misfit = float(r @ r) / freedom if freedom > 0 else np.nan
     covariance = _covariance(end.fitted, inverse)
+    uncertainty = np.sqrt(np.sum((Vt.T / s_above_0) ** 2, axis=1))
     # repeats may scatter by more than their sigma says
-    uncertainty = np.sqrt(np.sum((Vt.T / kept) ** 2, axis=1))
-    largest = np.fmax(uncertainty, np.sqrt(np.diag(covariance)))
-    untold = Vt[1 / kept > LARGEST_UNCERTAINTY]
+    larger_uncertainty = np.fmax(uncertainty, np.sqrt(np.diag(covariance)))
+    untold = Vt[1 / s_above_0 > LARGEST_UNCERTAINTY]
     free_repeats = _free_repeats(end.fitted, freedom)
     return Statistics(
         covariance=covariance * np.fmax(misfit, 1.0),
-        told=largest <= LARGEST_UNCERTAINTY,
+        told=larger_uncertainty <= LARGEST_UNCERTAINTY,
         untold=untold,
         together=_groups(untold, uncertainty > LARGEST_UNCERTAINTY),
         misfit=misfit,
@@ -93,18 +98,24 @@ def statistics(end: Evaluation) -> Statistics:
 
 
 def _covariance(columns: Sequence[Column], inverse: np.ndarray) -> np.ndarray:
-    """The sum over the columns of J⁺ Σ J⁺ᵀ."""
+    """Return the covariance (m, m) of u: the sum of J⁺ Σ J⁺ᵀ over the fitted columns.
+
+    `inverse` is J⁺ (m, n) of the points of all columns; the errors of different columns are
+    independent. Σ is 1 for a column of independent points. For a mean of repeats it is the
+    sample covariance of the R repeats over R.
+    """
     ends = np.cumsum([len(column.residual) for column in columns])[:-1]
-    total = np.zeros((len(inverse), len(inverse)))
-    for column, part in zip(columns, np.split(inverse, ends, axis=1), strict=True):
+    covariance = np.zeros((len(inverse), len(inverse)))
+    for column, inverse_of_column in zip(columns, np.split(inverse, ends, axis=1), strict=True):
         points = column.points
         if points.scatter is None:
-            total += part @ part.T
+            covariance += inverse_of_column @ inverse_of_column.T
         else:
-            repeats = part @ (points.scatter / points.sigma).T  # (m, R): u of each repeat
-            R = repeats.shape[1]
-            total += repeats @ repeats.T / (R * (R - 1))
-    return total
+            # (m, R): by how much each repeat alone would move u
+            moves = inverse_of_column @ (points.scatter / points.sigma).T
+            R = moves.shape[1]
+            covariance += moves @ moves.T / (R * (R - 1))
+    return covariance
 
 
 def _free_repeats(columns: Sequence[Column], freedom: int) -> int:
@@ -132,11 +143,15 @@ def _groups(untold: np.ndarray, is_weak: np.ndarray) -> tuple[tuple[int, ...], .
 
 
 def _probability(columns: Sequence[Column], share: float) -> float:
-    """The probability that scatter alone gives such residuals, by the least likely part.
+    """Return the probability that scatter alone gives such large residuals.
 
-    Independent errors follow χ². The mean of R repeats follows F with R − 1 degrees of freedom
-    below, and above with the number of ways in which the repeats differ, (tr Σ)²/tr Σ².
-    `share` is the part of the points that are degrees of freedom.
+    All columns with independent errors are one part, which follows χ². Each mean of R repeats is
+    a part of its own. It follows the F distribution: its denominator has R − 1 degrees of
+    freedom, and its numerator (tr Σ)²/tr Σ², the number of independent ways in which the repeats
+    differ. The least probability of all parts is returned.
+
+    `share` is the number of degrees of freedom over the number of points. Each part has this
+    share of its points as degrees of freedom; without any, it says nothing.
     """
     independent = [column.residual for column in columns if column.points.scatter is None]
     r = np.concatenate([*independent, []])
@@ -148,8 +163,9 @@ def _probability(columns: Sequence[Column], share: float) -> float:
         scatter = column.points.scatter
         r = column.residual
         if scatter is not None and share > 0:
-            values = np.linalg.svd(scatter, compute_uv=False) ** 2
-            ways = values.sum() ** 2 / (values**2).sum()
+            eigenvalues = np.linalg.svd(scatter, compute_uv=False) ** 2  # of Σ, up to a factor
+            ways = eigenvalues.sum() ** 2 / (eigenvalues**2).sum()
             mean_square = r @ r / len(r) / share
-            probabilities.append(float(stats.f.sf(mean_square, ways, len(scatter) - 1)))
+            free_repeats = len(scatter) - 1
+            probabilities.append(float(stats.f.sf(mean_square, ways, free_repeats)))
     return min(probabilities)

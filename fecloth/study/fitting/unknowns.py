@@ -58,7 +58,11 @@ class Unknown:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Limits of u, from what a fabric admits."""
+        """The least and the largest u, from what a fabric admits.
+
+        A positive number lies between 1/MAX_CONSTANT and MAX_CONSTANT. A bending Poisson's ratio
+        lies between −1 and 1. Other numbers have no limits.
+        """
         if not self.width:
             far = math.log(MAX_CONSTANT)
             return -far - math.log(self.start), far - math.log(self.start)
@@ -72,13 +76,23 @@ class Unknown:
 def make_unknowns(
     parameters: Mapping[str, float], specimens: tuple[Specimen, ...]
 ) -> tuple[Unknown, ...]:
-    """The constants in the order of `parameters`, then the offsets of fitted experiments."""
+    """Return the unknowns: the constants in the order of `parameters`, then the offsets.
+
+    `parameters` has the start of each constant by its name. Each fitted experiment with an
+    offset has one, which starts at 0. Raise `InputError` if `parameters` is no mapping, is
+    empty, or has a start that is no finite number.
+    """
     if not (isinstance(parameters, Mapping) and parameters):
         allowed = 'must be a mapping of names to starts, as {"fabric.tensile_stiffness": 1000.0}'
         raise InputError(f"parameters = {parameters!r}", allowed, "fit")
     constants = [_constant(name, value) for name, value in parameters.items()]
     offsets = [
-        Unknown(f"offset of {specimen.experiment.label}", 0.0, specimen.reach, i)
+        Unknown(
+            name=f"offset of {specimen.experiment.label}",
+            start=0.0,
+            width=specimen.reach,
+            specimen=i,
+        )
         for i, specimen in enumerate(specimens)
         if specimen.experiment.offset and specimen.experiment.fitted
     ]
@@ -86,7 +100,11 @@ def make_unknowns(
 
 
 def _constant(name: str, value: float) -> Unknown:
-    """The unknown that begins at a value."""
+    """Return the unknown of a constant that starts at `value`, in SI.
+
+    A number > 0 is sought by its logarithm, others not: Poisson's ratios, which may change
+    their sign, and starts at 0 or below. Raise `InputError` if the value is no finite number.
+    """
     if not is_number(value):
         what = f"parameter {name!r} = {value!r}"
         raise InputError(what, "must be a finite number, in SI", "fit")
@@ -95,7 +113,7 @@ def _constant(name: str, value: float) -> Unknown:
         return Unknown(name, value, WIDTH_OF_RATIO)
     if value > 0:
         return Unknown(name, value, width=0.0)
-    return Unknown(name, value, width=abs(value) or 1.0)
+    return Unknown(name, value, width=abs(value) or 1.0)  # 0 has no size of its own
 
 
 def values_of(unknowns: tuple[Unknown, ...], u: np.ndarray) -> dict[str, float]:

@@ -43,7 +43,11 @@ def describe_value(name: str, value: float, interval: tuple[float, float]) -> st
 
 
 def describe_untold(fitting: Fitting, facts: Statistics) -> Iterator[str]:
-    """A sentence for each combination that the data do not tell."""
+    """Yield a sentence for each group of unknowns that the data tell only in combination.
+
+    It names the unknowns and, where a hint is known, a test that would tell them. A group of one
+    is an unknown that the data do not tell at all.
+    """
     for group in facts.together:
         unknowns = [fitting.unknowns[i] for i in group]
         first, *others = [unknown.name.removeprefix("fabric.") for unknown in unknowns]
@@ -54,12 +58,16 @@ def describe_untold(fitting: Fitting, facts: Statistics) -> Iterator[str]:
             hint = "points farther along the curve, or no offset,"
         else:
             names = " ".join(unknown.name for unknown in unknowns)
+            # the first hint whose words all stand in the names
             hint = next((test for keys, test in HINTS if all(key in names for key in keys)), "")
         yield f"{sentence}: {hint} would" if hint else sentence
 
 
 def describe_law(fitting: Fitting, end: Evaluation, facts: Statistics) -> Iterator[str]:
-    """That the law is wrong, and what each part of each curve would want."""
+    """Yield sentences if the law is wrong: that it is, and what the parts of the curves want.
+
+    The `WORST_PARTS` parts that are farthest off are named; see `_wants`.
+    """
     if not facts.law_fails:
         return
     yield (
@@ -72,10 +80,12 @@ def describe_law(fitting: Fitting, end: Evaluation, facts: Statistics) -> Iterat
 
 
 def _wants(fitting: Fitting, end: Evaluation, column: Column) -> Iterator[tuple[float, str]]:
-    """How far each part of a curve is off, and in words the value that it wants of a constant.
+    """Yield, for each part of a curve that is off, its distance and a sentence.
 
-    The distance is relative to the largest value of the curve; below the usual uncertainty
-    nothing is said. The constant is the one that matters most there.
+    A curve has a begin, a middle and an end. The distance is the mean difference of computed and
+    measured values there, relative to the largest measured value of the curve; parts below
+    `ASSUMED_SIGMA` are left out. The sentence says which value this part alone wants of the
+    constant that changes it most.
     """
     points = column.points
     if points.along is None:
@@ -87,21 +97,21 @@ def _wants(fitting: Fitting, end: Evaluation, column: Column) -> Iterator[tuple[
         parts = np.array_split(order, PARTS_OF_CURVE if len(order) >= PARTS_OF_CURVE else 1)
     for rows in parts:
         r = column.residual[rows]
-        J = column.jacobian[rows, : len(fitting.constants)]
+        J = column.jacobian[rows, : len(fitting.constants)]  # the offsets come last
         distance = float(np.abs((r * points.sigma[rows]).mean())) / points.largest
         if distance < ASSUMED_SIGMA or not J.any():
             continue
         k = int(np.argmax((J**2).sum(axis=0)))
         change = float(-(J[:, k] @ r) / (J[:, k] @ J[:, k]))  # of u, by least squares
         constant = fitting.constants[k]
-        at = float(end.u[k])
-        wanted = constant.at(at + float(np.clip(change, -5.0, 5.0)))  # exp(5) is far enough
+        u = float(end.u[k])
+        wanted = constant.at(u + float(np.clip(change, -5.0, 5.0)))  # exp(5) is far enough
         where = column.label
         if points.along is not None:
             span = f"from {places[rows].min():.3g} to {places[rows].max():.3g} {points.along_unit}"
             where = f"{where} {span}".rstrip()
-        now = f"{constant.at(at):.3g}"
-        yield distance, f"{where} wants {constant.name} = {wanted:.3g}, not {now}"
+        fitted_value = f"{constant.at(u):.3g}"
+        yield distance, f"{where} wants {constant.name} = {wanted:.3g}, not {fitted_value}"
 
 
 def describe_resolution(
@@ -118,7 +128,11 @@ def describe_resolution(
 
 
 def describe_predictions(end: Evaluation) -> Iterator[str]:
-    """How far the fit is off where an experiment is compared only."""
+    """Yield a sentence for each column that is not fitted: how far the fit is off there.
+
+    The root of the mean square of the differences is given twice: in per cent of the largest
+    value of the column, and in units of the uncertainty of its points.
+    """
     for column in end.columns:
         if column.is_fitted:
             continue
@@ -133,7 +147,10 @@ def describe_predictions(end: Evaluation) -> Iterator[str]:
 
 
 def describe_fit(fitting: Fitting, end: Evaluation, facts: Statistics) -> str:
-    """How many constants were fitted to how many points, and the misfit."""
+    """Return the sentence that says how many constants were fitted to how many points.
+
+    It ends with the misfit, which is not known if there are as many unknowns as points.
+    """
     constants = amount(len(fitting.constants), "constant")
     points = amount(len(end.residual), "point")
     fitted = [specimen for specimen in fitting.specimens if specimen.experiment.fitted]

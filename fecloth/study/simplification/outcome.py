@@ -124,7 +124,10 @@ class Resolution:
         return self.needed >= self.size
 
     def __str__(self) -> str:
-        """Return the error in words, and which size would do."""
+        """Return in words the error, and the size that would be fine enough if it is too large.
+
+        If the error is not known, say why.
+        """
         what, name, unit = SIZES[self.kind]
         if self.failure:
             return f"whether the {what} is resolved is not known: {self.failure}"
@@ -153,17 +156,24 @@ def _find_resolution(
     orders: Mapping[str, Mapping[str, float]],
     tolerance: float,
 ) -> Resolution:
-    """Return the error by one size, of the quantity that needs the smallest one."""
+    """Return the error by one size of the scene, of the quantity that needs the smallest size.
+
+    `variant` is the refinement of this size, and `run` what it gave. If the run failed, the
+    error is NaN and the needed size 0, and `failure` says why. See `find_resolutions`.
+    """
     kind = variant.kind
     size = variant.size
     if not run.is_ok:
-        cause = (run.cause.splitlines() or [run.status])[0]
-        return Resolution(kind, math.nan, "", size, 0.0, f"{variant.name}: {cause}")
+        first_line = (run.cause.splitlines() or [run.status])[0]
+        failure = f"{variant.name}: {first_line}"
+        return Resolution(kind, math.nan, quantity="", size=size, needed=0.0, failure=failure)
     resolutions = []
     for text, change in run.changes.items():
         order = orders[text][kind]
-        error = change / (1 - variant.by**order)
-        needed = size * (tolerance / error) ** (1 / order) if error else math.inf
+        error = change / (1 - variant.by**order)  # the size was multiplied by `by` = 1/r
+        needed = math.inf  # without an error any size is small enough
+        if error:
+            needed = size * (tolerance / error) ** (1 / order)
         resolutions.append(Resolution(kind, error, text, size, needed))
     return min(resolutions, key=attrgetter("needed"))
 
@@ -195,7 +205,12 @@ class Findings:
         return sorted(self.trials, key=lambda trial: trial[1].change)
 
     def judge(self, variant: Variant, outcome: Outcome) -> str:
-        """Return the verdict on a variant, as the table shows it."""
+        """Return the verdict on a variant, as the table shows it.
+
+        A refinement says whether its size is resolved. Another variant is "needed" if the scene
+        needs what the variant changes: it fails without, or its quantities change by more than
+        the tolerance. A small change that is not reliable is small "by chance".
+        """
         if variant.is_check:
             if variant.kind in self.unresolved:
                 return "not resolved"
@@ -209,18 +224,20 @@ class Findings:
         return "not needed"
 
     def reliable_change(self, variant: Variant, outcome: Outcome) -> float:
-        """Return the largest change by a variant and by the smaller changes of the same size.
+        """Return the change by a variant that is not smaller by chance.
 
-        A mesh of 2 h that changes less than one of 1.5 h does so by chance, and so does any
-        other mesh if the scene itself is not resolved.
+        If a mesh of 2 h changes the quantities less than a mesh of 1.5 h, it does so by chance.
+        Therefore the largest change by this variant and by all that change the same size by a
+        smaller factor is returned. If the scene itself is not resolved in this size, no change
+        is reliable, and infinity is returned.
         """
         if variant.kind in self.unresolved:
             return math.inf
         changes = [outcome.change]
-        if variant.size:
-            for other, its_outcome in self.trials:
+        if variant.size:  # only sizes have factors that can be compared
+            for other, outcome_of_other in self.trials:
                 if other.kind == variant.kind and other.by <= variant.by:
-                    changes.append(its_outcome.change)
+                    changes.append(outcome_of_other.change)
         return max(changes)
 
     def candidates(self) -> list[Variant]:

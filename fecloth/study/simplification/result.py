@@ -75,19 +75,23 @@ class Simplification(StudyResult):
         return 0
 
     def figure(self) -> Figure:
-        """Return bars of the changes against the tolerance, with the seconds that each saves."""
+        """Return a bar chart: the change by each variant, and in words the seconds it saves.
+
+        The axis of changes is logarithmic, and a dashed line marks the tolerance. Combinations
+        are left out; the reduced scene is shown.
+        """
         rows = [row for row in self.table if not str(row["verdict"]).startswith(COMBINED)]
         drawing, ax = new_figure(1, 1, (11.0, 2.0 + 0.36 * len(rows)))
-        at = np.arange(len(rows))
+        places = np.arange(len(rows))
         changes = np.array([row.get("change [%]") or 0.0 for row in rows], dtype=float)
-        left = LEAST_CHANGE_SHOWN
+        left = LEAST_CHANGE_SHOWN  # a logarithmic axis has no 0, where bars could begin
         colours = [COLOURS_OF_VERDICTS.get(str(row["verdict"]), COLOURS[0]) for row in rows]
-        ax.barh(at, np.maximum(changes - left, 0.0), left=left, color=colours)
+        ax.barh(places, np.maximum(changes - left, 0.0), left=left, color=colours)
         ax.axvline(100 * self.tolerance, color="k", ls="--", label="tolerance")
         ax.set(xscale="log", ylim=(-0.6, len(rows) - 0.4))
         ax.set_xlim(left=left)
         ax.set(xlabel="change of the quantities of interest [%]")
-        ax.set_yticks(at, [_label(row) for row in rows])
+        ax.set_yticks(places, [_label(row) for row in rows])
         ax.grid(False, axis="y")
         for i, row in enumerate(rows):
             ax.text(1.02, i, _seconds(row), va="center", transform=ax.get_yaxis_transform())
@@ -130,7 +134,10 @@ def make_table(
 
 
 def _row(outcome: Outcome, verdict: str) -> dict:
-    """Return the row of a run; without numbers if it failed."""
+    """Return the row of a run: its name, verdict, changes, seconds, size and status.
+
+    If the run failed, it has no numbers, but the first line of the cause.
+    """
     is_ok = outcome.is_ok
     row: dict = {"variant": outcome.name, "verdict": verdict}
     row["change [%]"] = 100 * outcome.change if is_ok else None
@@ -150,9 +157,11 @@ def _row(outcome: Outcome, verdict: str) -> dict:
 def make_verdict(
     findings: Findings, reduced: str, final: Outcome | None, file: str = "reduced.toml"
 ) -> str:
-    """Return the answer in words: first what is not resolved, then what is not needed.
+    """Return the answer in words, as lines.
 
-    `reduced` names what the reduced scene of the file has, and `final` is its run.
+    They say what is not resolved, what is needed and what is not, and last what the reduced
+    scene changes and saves. `reduced` names the variants that the reduced scene has, `final` is
+    its run (None if nothing simpler was found), and `file` is the name of its file.
     """
     lines = []
     for resolution in findings.resolutions:
@@ -160,22 +169,27 @@ def make_verdict(
             lines.append(f"not known whether it is resolved: {resolution}")
         elif not resolution.is_resolved:
             lines.append(f"not resolved to {in_percent(findings.tolerance)}: {resolution}")
-    lines += [f"{head}: {', '.join(items)}" for head, items in _groups(findings) if items]
+    for heading, items in _groups_of_variants(findings):
+        if items:
+            lines.append(f"{heading}: {', '.join(items)}")
     if final is None:
         lines.append("nothing simpler was found")
     elif not final.is_ok:
         lines.append(f"{file} fails: {final.cause}")
     else:
         verb = "saves" if final.saved >= 0 else "adds"
-        saves = f"{verb} {in_percent(abs(final.saved))}"
+        saving = f"{verb} {in_percent(abs(final.saved))}"
         change = f"{final.of} by {in_percent(final.change)}"
-        lines.append(f"{file}: {reduced}; it changes {change} and {saves} of the seconds")
+        lines.append(f"{file}: {reduced}; it changes {change} and {saving} of the seconds")
     return "\n".join(lines)
 
 
-def _groups(findings: Findings) -> list[tuple[str, list[str]]]:
-    """Return the items of the verdict by their heading."""
-    gone = list[str]()
+def _groups_of_variants(findings: Findings) -> list[tuple[str, list[str]]]:
+    """Return the variants of the verdict in words, as pairs of a heading and its items.
+
+    Refinements are left out. So are replacements that change little but save no time.
+    """
+    not_needed = list[str]()
     cheaper = list[str]()
     needed = list[str]()
     too_large = list[str]()
@@ -188,34 +202,38 @@ def _groups(findings: Findings) -> list[tuple[str, list[str]]]:
             if is_kept:
                 needed.append(str(variant.by))
             else:
-                costs = f"costs {_saving(outcome)} of the seconds"
-                gone.append(f"{variant.by} ({_change(outcome)}, {costs})")
+                costs = f"costs {_describe_saving(outcome)} of the seconds"
+                not_needed.append(f"{variant.by} ({_describe_change(outcome)}, {costs})")
         elif is_kept:
-            too_large.append(f"{variant.name} ({_change(outcome)})")
+            too_large.append(f"{variant.name} ({_describe_change(outcome)})")
         elif verdict == "not needed" and outcome.saved > 0:
-            cheaper.append(f"{variant.name} ({_change(outcome)}, saves {_saving(outcome)})")
+            saving = f"saves {_describe_saving(outcome)}"
+            cheaper.append(f"{variant.name} ({_describe_change(outcome)}, {saving})")
     return [
-        ("not needed", gone or ["none of the terms"]),
+        ("not needed", not_needed or ["none of the terms"]),
         ("can be cheaper", cheaper),
         ("needed", needed),
         ("changes too much", too_large),
     ]
 
 
-def _change(outcome: Outcome) -> str:
+def _describe_change(outcome: Outcome) -> str:
     """Return in words the largest change, or the status of a failure."""
     if outcome.is_ok:
         return f"changes {outcome.of} by {in_percent(outcome.change)}"
     return outcome.status
 
 
-def _saving(outcome: Outcome) -> str:
+def _describe_saving(outcome: Outcome) -> str:
     """Return in words the part of the seconds that is saved."""
     return in_percent(outcome.saved) if outcome.saved > 0 else "none"
 
 
 def describe_resolved(resolutions: Sequence[Resolution], has_h: bool) -> list[str]:
-    """Return sentences on the errors of the scene itself that are within the tolerance."""
+    """Return sentences on the errors of the scene itself that are within the tolerance.
+
+    A scene without h (`has_h` is false) has no refined mesh, and a sentence says so.
+    """
     sentences = []
     resolved = "; ".join(str(size) for size in resolutions if size.is_resolved)
     if resolved:

@@ -68,7 +68,10 @@ class Original:
         return [variant for variant in variants if variant.kind in KINDS_OF_FUNCTIONS]
 
     def text(self, tables: dict) -> str:
-        """Return what the reduced file holds: a scene; of a function its terms, h and dt."""
+        """Return the text of the reduced file, from the tables of the reduced problem.
+
+        It is a scene; of a function it lists the terms, their strains, h and dt.
+        """
         if self.is_scene:
             return to_toml(tables)
         terms = tables["terms"]
@@ -79,20 +82,20 @@ class Original:
                 lines.append(f"strain of {term['type']}: {term['strain']}")
         sizes = {"h": tables["cloth"].get("h"), "dt": tables.get("time", {}).get("dt")}
         for name, size in sizes.items():
-            if isinstance(size, float):
+            if isinstance(size, float):  # not None, and not dt = "auto"
                 lines.append(f"{name} = {size:g}")
         return "\n".join(lines) + "\n"
 
     @cached_property
     def full(self) -> Mapping:
-        """The row of the problem.
+        """The row of the problem as it is; its run is made once.
 
         Raises
         ------
         StudyFailed
-            If it fails.
+            If the run fails.
         InputError
-            If all quantities are zero.
+            If all quantities are zero: then no relative change is known.
         """
         (row,) = run_or_skip([self._point("the scene", Change())], self.quantities, self.runs)
         if row["status"] != OK:
@@ -116,11 +119,15 @@ class Original:
         return describe_weak_friction(self.problem.first.system, columns)
 
     def run(self, tried: Sequence[tuple[str, Change, float]], fresh: bool = False) -> list[Outcome]:
-        """Run changes, each with its name and the largest CPU time over the problem's."""
+        """Run changes of the problem, and return their outcomes in the same order.
+
+        `tried` has for each its name, the change, and its patience: the largest CPU time, as a
+        multiple of the time of the problem. With `fresh` no run is taken from the store.
+        """
         points = []
         for name, change, patience in tried:
-            most = SECONDS_OF_SHORT_RUN + patience * self.full["cpu_seconds"]
-            points.append(self._point(name, change, round(most, 1)))
+            most_seconds = SECONDS_OF_SHORT_RUN + patience * self.full["cpu_seconds"]
+            points.append(self._point(name, change, round(most_seconds, 1)))
         runs = replace(self.runs, fresh=fresh or self.runs.fresh)
         rows = run_or_skip(points, self.quantities, runs)
         return [self.compare(name, row) for (name, *_), row in zip(tried, rows, strict=True)]
@@ -143,16 +150,22 @@ class Original:
         return Point(changed, AS_IS, name, self.problem.workload(FIRST_LEVEL), most)
 
     def compare(self, name: str, row: Mapping) -> Outcome:
-        """Return changes and saving of a row against the problem, or the cause of a failure."""
+        """Return the outcome of a run, from its row: how it differs from the run of the problem.
+
+        It has the relative change of each quantity, and the part of the CPU seconds that is
+        saved. If the run failed, or a quantity has no value, it has the cause instead.
+        """
         outcome = Outcome(name, row["status"], str(row["cause"]))
         if not outcome.is_ok:
             return outcome
         try:
-            full = self._records(self.full)
-            own = self._records(row)
-            pairs = zip(self.quantities, full, own, strict=True)
-            changes = {q.text: relative_difference(q, a, b) for q, a, b in pairs}
-        except FeclothError as error:  # as where a signal has no period
+            records_of_full = self._records(self.full)
+            records = self._records(row)
+            changes = {}
+            for i, quantity in enumerate(self.quantities):
+                change = relative_difference(quantity, records_of_full[i], records[i])
+                changes[quantity.text] = change
+        except FeclothError as error:  # for example, a signal has no period
             return replace(outcome, status=FAILED, cause=str(error))
         return Outcome(
             name=name,
@@ -166,24 +179,27 @@ class Original:
 
 
 def describe_weak_friction(system: System, columns: Mapping[str, np.ndarray]) -> str:
-    """A sentence, if HB/B is below a tenth of the curvature at the end of a run; else "".
+    """Return the sentence that friction inside the fabric may be left out; "" if it may not.
 
-    HB/B is the largest of all fabrics, along warp or weft.
+    It may if the curvature that it holds, HB/B, is below a tenth of the mean curvature of the
+    cloth at the end of a run. HB/B is the largest of all fabrics, along warp or weft. `columns`
+    are the columns of the run by name.
     """
     if not any(isinstance(term, BendingFriction) for term in system.terms):
         return ""
-    held = 0.0
+    held_curvature = 0.0
     for fabric in system.panel.fabrics:
         for hysteresis, rigidity in zip(
             fabric.hysteresis or (), fabric.bending or (), strict=False
         ):
-            held = max(held, hysteresis / (2 * rigidity))
+            # HB is half of the hysteresis, the distance of both branches of the bending moment
+            held_curvature = max(held_curvature, hysteresis / (2 * rigidity))
     curvature = _mean_curvature(system, columns)
-    if not held < WEAK_FRICTION * curvature:
+    if not held_curvature < WEAK_FRICTION * curvature:
         return ""
     return (
-        f"BendingFriction may be left out: HB/B = {held:.3g}/m is below a tenth of the "
-        f"curvature, {curvature:.3g}/m"
+        f"BendingFriction may be left out: HB/B = {held_curvature:.3g}/m is below a tenth "
+        f"of the curvature, {curvature:.3g}/m"
     )
 
 

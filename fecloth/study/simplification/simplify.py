@@ -21,7 +21,6 @@ from fecloth.study.simplification import result
 from fecloth.study.simplification.outcome import (
     NOISE_PART,
     NOISE_SECONDS,
-    SIZES,
     Findings,
     Outcome,
     find_resolutions,
@@ -88,10 +87,10 @@ def simplify(
     at_once = 1 if runs.scheduler else runs.jobs
     check_size(_sizes(opened, variants), at_once, runs.most_seconds, opened.source)
     checks = original.try_variants([variant for variant in variants if variant.is_check])
-    orders = {
-        quantity.text: dict(zip(SIZES, (*opened.orders(quantity), RTOL_ORDER), strict=True))
-        for quantity in original.quantities
-    }
+    orders = {}
+    for quantity in original.quantities:
+        order_in_h, order_in_dt = opened.orders(quantity)
+        orders[quantity.text] = {"mesh": order_in_h, "dt": order_in_dt, "rtol": RTOL_ORDER}
     resolutions = find_resolutions(checks, orders, largest_change)
     for resolution in resolutions:
         print(resolution, file=sys.stderr, flush=True)
@@ -100,17 +99,23 @@ def simplify(
     return summarise(original, findings, folder, weak_terms)
 
 
-def open_original(opened: Problem, quantity, tolerance: float, runs: Runs) -> Original:
-    """Return the problem with the quantities that count, and how it is run."""
+def open_original(opened: Problem, quantity: Any, tolerance: float, runs: Runs) -> Original:
+    """Return the problem with the quantities that count, and how it is run; print its warnings.
+
+    The reduced scene gets these quantities as its [interest]. Raise `InputError` if the problem
+    is predicted to take too long, for an unknown quantity, and for a function as quantity, which
+    no scene can hold.
+    """
     refuse_huge(opened, runs)
     print_warnings(opened)
-    chosen = opened.choose_quantities(quantity)
-    if any(quantity.function for quantity in chosen):
+    quantities = opened.choose_quantities(quantity)
+    if any(quantity.function for quantity in quantities):
         raise InputError("a function as quantity", "must be a text, as 'max tip.z'")
     if isinstance(opened, SceneProblem):
-        interest = Interest(quantities=tuple(quantity.text for quantity in chosen))
-        opened = replace(opened, scene=opened.scene.model_copy(update={"interest": interest}))
-    return Original(opened, chosen, tolerance, runs)
+        interest = Interest(quantities=tuple(quantity.text for quantity in quantities))
+        scene = opened.scene.model_copy(update={"interest": interest})
+        opened = replace(opened, scene=scene)
+    return Original(opened, quantities, tolerance, runs)
 
 
 def _sizes(opened: Problem, variants: Sequence[Variant]) -> list[Workload]:
@@ -126,28 +131,33 @@ def _sizes(opened: Problem, variants: Sequence[Variant]) -> list[Workload]:
 def combine_variants(
     original: Original, candidates: Sequence[Variant]
 ) -> tuple[Change, list[tuple[Outcome, bool]]]:
-    """Combine variants greedily; return the change of all that are taken, and all attempts.
+    """Take one candidate after the other, as long as the combination changes little.
 
-    Of two changes to the same part the later one wins if it saves more or drops a term. An
-    attempt is a run, and whether it was taken.
+    Each attempt is a run of all variants taken so far with one more. The new one is taken if the
+    change is within the tolerance and the run is not too slow, see `_allowed_seconds`. It takes
+    the place of an earlier change of the same part, unless that left out a term.
+
+    Return the change by all variants that are taken, and the attempts: pairs of the outcome of a
+    run, and whether its last variant was taken.
     """
-    chosen: dict[str, Variant] = {}
+    taken: dict[str, Variant] = {}  # by slot: at most one change of each part
     seconds = original.full["cpu_seconds"]
     attempts = []
     for variant in candidates:
-        before = chosen.get(variant.slot)
+        before = taken.get(variant.slot)
         if before and before.kind == "without":
             continue
-        together = {**chosen, variant.slot: variant}
-        name = " + ".join(taken.name for taken in together.values())
-        outcome = original.run_one(name, changes_of(together.values()))
-        allowed = _allowed_seconds(variant, before, seconds)
-        is_taken = outcome.change <= original.tolerance and outcome.seconds <= allowed
+        combination = {**taken, variant.slot: variant}
+        name = " + ".join(part.name for part in combination.values())
+        outcome = original.run_one(name, changes_of(combination.values()))
+        allowed_seconds = _allowed_seconds(variant, before, seconds)
+        is_fast_enough = outcome.seconds <= allowed_seconds
+        is_taken = outcome.change <= original.tolerance and is_fast_enough
         attempts.append((outcome, is_taken))
         if is_taken:
-            chosen = together
+            taken = combination
             seconds = outcome.seconds
-    return changes_of(chosen.values()), attempts
+    return changes_of(taken.values()), attempts
 
 
 def _allowed_seconds(variant: Variant, before: Variant | None, seconds: float) -> float:
@@ -164,25 +174,29 @@ def _allowed_seconds(variant: Variant, before: Variant | None, seconds: float) -
 
 
 def summarise(
-    original: Original, findings: Findings, folder: str | Path | None, weak: str
+    original: Original, findings: Findings, folder: str | Path | None, weak_terms: str
 ) -> result.Simplification:
-    """Combine the variants, run the reduced scene, and return the result.
+    """Combine the variants, run the reduced scene once more, and return the result.
 
-    `weak` is a sentence on terms that change little, or "".
+    The reduced scene is written in `folder`, if that is not None. `weak_terms` is a sentence on
+    terms that change little, or "".
     """
     change, attempts = combine_variants(original, findings.candidates())
     taken = [outcome.name for outcome, is_taken in attempts if is_taken]
     tables = original.problem.tables
     file = "reduced.toml" if original.is_scene else "reduced.txt"
     text = original.text(change.apply(tables))
-    final = original.run_one(file, change, fresh=True) if taken else None
-    reduced = taken[-1] if taken else ""
-    name = "the reduced scene" if folder is None else file
-    sentences = [words for words in (weak, original.weak_friction) if words]
+    final = None
+    name_of_combination = ""
+    if taken:
+        final = original.run_one(file, change, fresh=True)
+        name_of_combination = taken[-1]  # each attempt has the names of all before it
+    name_of_file = "the reduced scene" if folder is None else file
+    sentences = [words for words in (weak_terms, original.weak_friction) if words]
     simplification = result.Simplification(
         title=original.problem.name,
         doubts=original.problem.doubts,
-        verdict=result.make_verdict(findings, reduced, final, name),
+        verdict=result.make_verdict(findings, name_of_combination, final, name_of_file),
         table=result.make_table(findings, attempts, final),
         tolerance=original.tolerance,
         quantities=tuple(quantity.text for quantity in original.quantities),

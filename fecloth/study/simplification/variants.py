@@ -87,7 +87,11 @@ def put(cloth: Mapping | None = None, **tables: object) -> Edit:
 def list_variants(
     data: Data, interest: Interest, traits: Mapping[str, TermTraits] = TRAITS
 ) -> list[Variant]:
-    """List all variants of a scene, terms first; `traits` says what its terms are."""
+    """Return all variants of a scene: of its terms, of its mesh, and of its time or load steps.
+
+    `data` are the tables of the scene. A motion whose end alone is of interest also has static
+    variants. `traits` are the traits of the terms by their types.
+    """
     element = data["cloth"].get("element", "P1")
     variants: list[Variant] = []
     for term in data.get("terms", []):
@@ -111,15 +115,20 @@ def _variants_of_rest(data: Data) -> Iterator[Variant]:
 
 
 def variants_of_term(term: Data, element: str, traits: TermTraits) -> Iterator[Variant]:
-    """Yield the scene without a term, and with a cheaper one in its place: as smooth contact."""
+    """Yield the variants of a term: without it, with cheaper values, and with a cheaper term.
+
+    `term` is its table, and `element` the element of the mesh.
+    """
     name = term["type"]
     slot = f"term {term}"
+    # pins can be clamped only where a term holds the normals at them
     unclamps = traits.holds_normals
     yield Variant(f"without {name}", "without", name, slot, replace_term(term, None, unclamps))
-    for words, kind, value in _cheaper_values(term, element):
-        yield Variant(words, kind, name, slot, replace_term(term, term | {kind: value}))
-    is_flat = traits.kind != "bending" or term.get("rest", "flat") in ("flat", None)
-    if is_flat and element == "P1":
+    for words, key, value in _cheaper_values(term, element):
+        yield Variant(words, key, name, slot, replace_term(term, term | {key: value}))
+    # the replacement would take only its type: a bent rest shape would be lost
+    has_flat_rest = traits.kind != "bending" or term.get("rest", "flat") in ("flat", None)
+    if has_flat_rest and element == "P1":
         for other in traits.cheaper:
             replaced = replace_term(term, {"type": other}, unclamps)
             yield Variant(f"{other} for {name}", "cheaper", other, slot, replaced)
@@ -137,10 +146,10 @@ def _cheaper_values(term: Data, element: str) -> Iterator[tuple[str, str, object
 
 
 def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Edit:
-    """Return the edit that replaces a term by `other`, or removes it if that is None.
+    """Return the edit that replaces a term by the table `other`, or removes it if that is None.
 
-    It also removes the entries of [expect] for its columns, and clamps of pins if it
-    `unclamps`.
+    The edit also removes the entries of [expect] for the columns of the term, which the run no
+    longer has. If it `unclamps`, it removes the clamps of all pins.
     """
 
     def edit(data: Data) -> Data:
@@ -156,19 +165,33 @@ def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Edit
 
 
 def variants_of_mesh(data: Data) -> Iterator[Variant]:
-    """Yield scenes with smaller and larger triangles, and with P1 instead of P2."""
+    """Yield scenes with other triangles: a smaller h as a check, larger ones, and P1 for P2.
+
+    A mesh without h in [cloth] has no other h.
+    """
     cloth = data["cloth"]
     if "h" in cloth:
         h = cloth["h"]
         for factor in (FINER, *LARGER_TRIANGLES):
-            edit = put({"h": h * factor})
-            yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", edit, factor < 1, h)
+            yield Variant(
+                name=f"h × {factor:g}",
+                kind="mesh",
+                by=factor,
+                slot="mesh",
+                apply=put({"h": h * factor}),
+                is_check=factor < 1,
+                size=h,
+            )
     if cloth.get("element") == "P2":
         yield Variant("P1 for P2", "P1", None, "element", put({"element": "P1"}, mass="lumped"))
 
 
 def variants_of_time(data: Data) -> Iterator[Variant]:
-    """Yield scenes with other steps or tolerances, explicit steps, or one load step."""
+    """Yield scenes with other steps: another dt or rtol, or explicit steps.
+
+    A smaller dt or rtol is a check. Explicit steps at their stability limit have neither. A
+    static scene has the variants of its load steps.
+    """
     if "time" not in data:
         yield from _variants_of_load_steps(data)
         return
@@ -180,10 +203,16 @@ def variants_of_time(data: Data) -> Iterator[Variant]:
         finer = FINER if key == "dt" else FINER**2
         for factor in (finer, *LARGER_STEPS):
             if key == "dt" and number_of_steps(time, factor) == number_of_steps(time, 1):
-                continue
-            edit = multiply_step(data, key, factor)
-            size = time.get(key, Adaptive.rtol)
-            yield Variant(f"{key} × {factor:g}", key, factor, "time", edit, factor < 1, size)
+                continue  # the same number of steps, as where there is only one
+            yield Variant(
+                name=f"{key} × {factor:g}",
+                kind=key,
+                by=factor,
+                slot="time",
+                apply=multiply_step(data, key, factor),
+                is_check=factor < 1,
+                size=time.get(key, Adaptive.rtol),
+            )
     if not is_explicit and method_name(data) != "auto":
         yield Variant("explicit", "explicit", None, "time", explicit_steps_of(data))
 

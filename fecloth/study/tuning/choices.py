@@ -91,7 +91,10 @@ class Choice:
         return self.element, self.pattern, self.grading
 
     def __str__(self) -> str:
-        """Return the setting in words."""
+        """Return the setting in words, such as "P1 right, h = 10 mm, bdf2, 64 steps".
+
+        What the problem itself has is left out.
+        """
         words = [self.element, self.pattern]
         if self.grading:
             words.append("graded")
@@ -118,23 +121,28 @@ class Choice:
 
 
 def meshes_to_try(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
-    """Return the elements and patterns of a problem, its own pattern first.
+    """Return a choice for each element and pattern to try, the problem's own pattern first.
 
-    Other patterns are tried with the first element only: on P2 they differ less. They have as
-    many triangles as the scene's own.
+    `elements` are the names that the caller gave; None for P1 and P2. Raise `InputError` for an
+    unknown name.
+
+    Each other pattern is tried with the first element only: on P2 the patterns differ less. Its
+    h gives as many triangles as the scene's own pattern.
     """
     if isinstance(opened, FunctionProblem):
         return [Choice(element, h=opened.h) for element in elements or ("",)]
     cloth = opened.scene.cloth
-    chosen = known_names("element", elements or ELEMENTS, ELEMENTS)
-    if cloth.shape != "rectangle" or not cloth.pattern:
-        return [Choice(element, h=cloth.h) for element in chosen]
-    own = cloth.pattern
-    choices = [Choice(element, own, cloth.h) for element in chosen]
+    element_names = known_names("element", elements or ELEMENTS, ELEMENTS)
+    if cloth.shape != "rectangle" or not cloth.pattern:  # only a rectangle has patterns
+        return [Choice(element, h=cloth.h) for element in element_names]
+    own_pattern = cloth.pattern
+    choices = [Choice(element, own_pattern, cloth.h) for element in element_names]
     for pattern in PATTERNS:
-        if pattern != own:
-            h = None if cloth.h is None else cloth.h * _ratio_of_h(pattern, own)
-            choices.append(Choice(chosen[0], pattern, h))
+        if pattern != own_pattern:
+            h = None
+            if cloth.h is not None:
+                h = cloth.h * _ratio_of_h(pattern, own_pattern)
+            choices.append(Choice(element_names[0], pattern, h))
     return choices
 
 
@@ -145,17 +153,22 @@ def _ratio_of_h(pattern: str, own: str) -> float:
 
 
 def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
-    """Return the methods of a problem; [""] where there is none to choose."""
+    """Return the names of the methods to try; [""] where there is none to choose.
+
+    `methods` are the names that the caller gave; None for the methods that `tune` usually
+    tries, the preferred one first, with the scene's own. Raise `InputError` for an unknown name,
+    and for methods of an equilibrium, which has none.
+    """
     opened.refuse_methods(methods, "tune")
     if opened.span is None or isinstance(opened, FunctionProblem):
         return list(methods or [""])
     if methods:
         return known_names("method", methods, ALL_METHODS)
-    tried = sorted(studied_by("tune"), key=_preference)
-    own = opened.scene.time.method.type
-    if own not in ("auto", *tried):
-        tried.append(own)
-    return tried
+    usual_methods = sorted(studied_by("tune"), key=_preference)
+    own_method = opened.scene.time.method.type
+    if own_method not in ("auto", *usual_methods):  # "auto" is no method of its own
+        return [*usual_methods, own_method]
+    return usual_methods
 
 
 def _preference(name: str) -> tuple:
@@ -170,13 +183,16 @@ def problem_with(opened: Problem, choice: Choice) -> Problem:
 
 
 def change_of(opened: Problem, choice: Choice) -> Change:
-    """Return the change to a choice; without `sharper`, which a level of the problem has."""
+    """Return the change of the problem to a choice.
+
+    It leaves out `choice.sharper`, because a `Level`, and no change, sharpens the solver.
+    """
     if isinstance(opened, FunctionProblem):
         return _change_of_function(opened, choice)
     names: dict[str, object] = {
         "element": choice.element or opened.scene.cloth.element,
-        "model": "",
-        "method": choice.method or "equilibrium",  # an equilibrium keeps its time as it is
+        "model": "",  # the membrane stays as it is
+        "method": choice.method or "equilibrium",  # with "equilibrium", [time] stays as it is
     }
     if choice.rtol:
         names["rtol"] = choice.rtol
@@ -187,7 +203,10 @@ def change_of(opened: Problem, choice: Choice) -> Change:
 
 
 def _change_of_function(opened: FunctionProblem, choice: Choice) -> Change:
-    """Return the change of a function's arguments; what the choice leaves open stays."""
+    """Return the change of a function's arguments: h, dt, and where chosen method and element.
+
+    dt is the problem's own unless the choice has a number of steps.
+    """
     values: dict[str, object] = {"h": choice.h, "dt": opened.dt}
     if choice.steps and opened.t_end:
         values["dt"] = opened.t_end / choice.steps
@@ -199,12 +218,16 @@ def _change_of_function(opened: FunctionProblem, choice: Choice) -> Change:
 
 
 def _set_mesh(choice: Choice, tables: dict) -> dict:
-    """Set the mesh of a choice in the tables of a scene, and what goes with its method."""
+    """Set the mesh of a choice in the tables of a scene, and return the tables.
+
+    What no longer fits the method goes, too: the solver of explicit steps, and frames that come
+    more often than steps.
+    """
     grading = list(map(table_of_grading, choice.grading))
     values = {"pattern": choice.pattern, "h": choice.h, "grading": grading}
     tables["cloth"] |= {name: value for name, value in values.items() if value}
     if choice.is_explicit:
-        tables.pop("solver", None)
+        tables.pop("solver", None)  # explicit steps have no nonlinear solver
     dt = tables.get("time", {}).get("dt", "auto")
     every = tables["output"].get("every")
     if dt != "auto" and every and every < dt:
@@ -291,10 +314,15 @@ class Bench:
     changed: int = 0
 
     def run(self, choices: Sequence[Choice], timed: bool = False) -> list[Trial]:
-        """Run choices; where one is refused, fails or is too long, its trial is not `is_ok`."""
+        """Run choices, add their trials to `done`, and return them in the same order.
+
+        Where a choice is refused, fails or is too long, its trial is not `is_ok`. With `timed`
+        the seconds are measured with care: after a warm-up, and by repeated runs if they are
+        short.
+        """
         quiet = replace(self.runs, timed=timed, quiet=True)
-        rows = run_or_skip(list(map(self._point, choices)), self.quantities, quiet)
-        trials = [self._trial(choice, row) for choice, row in zip(choices, rows, strict=True)]
+        rows = run_or_skip(list(map(self._point_of, choices)), self.quantities, quiet)
+        trials = [self._trial_of(choice, row) for choice, row in zip(choices, rows, strict=True)]
         self.done.extend(trials)
         return trials
 
@@ -306,30 +334,39 @@ class Bench:
         """Return all runs but one."""
         return [trial for trial in self.done if trial is not run]
 
-    def _point(self, choice: Choice) -> Point | dict:
-        """Return what runs for a choice; a row with the reason if it is refused or too long."""
+    def _point_of(self, choice: Choice) -> Point | dict:
+        """Return the point to run for a choice.
+
+        If the problem refuses the choice, or the run is predicted to take too long, return in
+        its place the row of a failed run, with the reason.
+        """
         try:
             problem = problem_with(self.opened, choice)
-            size = problem.workload(FIRST_LEVEL)
+            workload = problem.workload(FIRST_LEVEL)
         except InputError as error:
             return failure(REFUSED, error)
-        if size.seconds > (self.runs.most_seconds or math.inf):
-            return failure(REFUSED, f"it would take about {in_words(size.seconds)}, too long")
-        return Point(problem, Level(sharper=choice.sharper), str(choice), size)
+        if workload.seconds > (self.runs.most_seconds or math.inf):
+            how_long = in_words(workload.seconds)
+            return failure(REFUSED, f"it would take about {how_long}, too long")
+        return Point(problem, Level(sharper=choice.sharper), str(choice), workload)
 
     def within(self, seconds: float) -> "Bench":
         """Return the bench with a time limit of its runs, in place of a longer one [s]."""
         limit = min(seconds, self.runs.time_limit or math.inf)
         return replace(self, runs=replace(self.runs, time_limit=limit))
 
-    def _trial(self, choice: Choice, row: Mapping) -> Trial:
-        """Return the trial of a row; it is not ok if the run has no value of a quantity."""
+    def _trial_of(self, choice: Choice, row: Mapping) -> Trial:
+        """Return the trial of a run, from its row of `measure`.
+
+        If the run reached its end but has no value of a quantity, as where a signal has no
+        period, the trial is not `is_ok`, and its row says why.
+        """
         if row["status"] != OK:
             return Trial(choice, row)
         try:
             records = tuple(record_at(row, quantity) for quantity in self.quantities)
             for quantity, record in zip(self.quantities, records, strict=True):
-                size_of(quantity, record)  # raises where the run has none, as of a period
+                size_of(quantity, record)  # raises `InputError` where the run has no value
         except InputError as error:
             return Trial(choice, {**row, **failure(NO_VALUE, error)})
         return Trial(choice, row, records)
@@ -349,35 +386,37 @@ class Bench:
     def distance(self, a: Trial, b: Trial) -> np.ndarray:
         """Return how far the quantities of `b` lie from the ones of `a`, (q,), relative to `a`.
 
-        A distance that is not known, as of a NaN, is infinite.
+        A distance that is not known, as of a NaN, is infinite. Of two different runs it is never
+        0, because its logarithm is taken.
         """
         if a is b:
             return np.zeros(len(self.quantities))
-        apart = []
+        distances = []
         for quantity, of_a, of_b in zip(self.quantities, a.records, b.records, strict=True):
             size = max(size_of(quantity, of_a), ZERO_SIZE)
-            apart.append(difference_of(quantity, of_a, of_b) / size)
-        return np.nan_to_num(np.maximum(apart, ROUND_OFF_OF_DISTANCES), nan=np.inf)
+            distances.append(difference_of(quantity, of_a, of_b) / size)
+        return np.nan_to_num(np.maximum(distances, ROUND_OFF_OF_DISTANCES), nan=np.inf)
 
     def check_sizes(self, trial: Trial, errors: np.ndarray | None = None) -> None:
-        """Raise `InputError` for a quantity of size zero: it has no relative error.
+        """Raise `InputError` if a quantity of a run is zero: then it has no relative error.
 
-        A component of a vector, as tip.y of a symmetric cloth, is zero below 1e-6 of the
-        vector, and below a hundredth of it where the (q,) relative errors say that meshes do
-        not tell it.
+        A component of a vector counts as zero below 1e-6 of the length of the vector, such as
+        tip.y of a symmetric cloth. If its relative error is above 1, it counts as zero already
+        below a hundredth of that length. `errors` (q,) are the relative errors of the
+        quantities; None if they are not known yet.
         """
         for k, (quantity, record) in enumerate(zip(self.quantities, trial.records, strict=True)):
             size = size_of(quantity, record)
-            whole = size_of_vector(quantity, trial)
-            is_small = size < SMALL_PART_OF_VECTOR * whole
-            is_unknown = errors is not None and errors[k] > 1
-            is_zero = size <= max(ZERO_SIZE, ZERO_PART_OF_VECTOR * whole)
-            if not is_zero and not (is_small and is_unknown):
+            length = size_of_vector(quantity, trial)
+            is_zero = size <= max(ZERO_SIZE, ZERO_PART_OF_VECTOR * length)
+            is_small = size < SMALL_PART_OF_VECTOR * length
+            has_error_above_1 = errors is not None and errors[k] > 1
+            if not is_zero and not (is_small and has_error_above_1):
                 continue
             what = f"{quantity} = 0"
             allowed = "has no relative error"
-            if whole:
-                what = f"{quantity} is {size:.2g}, where the whole vector is {whole:.2g}"
+            if length:
+                what = f"{quantity} is {size:.2g}, where the whole vector is {length:.2g}"
                 what = f"{what}: it is zero"
                 allowed = f"as by symmetry, and {allowed}"
             remedy = "Choose another quantity, or its path or maximum over the run."
@@ -385,9 +424,10 @@ class Bench:
 
 
 def size_of_vector(quantity: Quantity, trial: Trial) -> float:
-    """Return the length at the end of the vector whose component a quantity is; else 0.
+    """Return the length of the vector at the end of a run, of which a quantity is a component.
 
-    Of a probe, which has a place, it is the length of its way from the start.
+    For a probe it is the distance from its start to its end: a place alone has no size. Return 0
+    for a quantity that is no component of a vector.
     """
     name = quantity.column.rpartition(".")[0]
     ends = trial.row.get("ends", {})

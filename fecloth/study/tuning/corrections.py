@@ -25,11 +25,12 @@ PART_OF_SHORT_RUN = 0.05
 
 
 def measure_growth(bench: Bench, prediction: Prediction, goal: Goal) -> Prediction:
-    """Return the prediction with the growth of the errors in time of the best candidates.
+    """Return the prediction with the growth of errors in time on finer meshes.
 
-    Finer meshes have shorter waves, so that errors in time grow. Each rule runs with half of h
-    beside the most accurate implicit one, as on the coarse mesh. Rules that are not measured get
-    the largest power.
+    Finer meshes have shorter waves, so that errors in time grow with a power of √triangles. To
+    measure the power of a rule, its run is compared with the most accurate implicit run: once on
+    the coarse mesh, and once with half of h. This is done for the rules of the best candidates.
+    The others get the largest measured power.
     """
     times = prediction.times
     best = goal.candidates(prediction)[:BEST_CANDIDATES]
@@ -42,8 +43,9 @@ def measure_growth(bench: Bench, prediction: Prediction, goal: Goal) -> Predicti
     (finer_reference,) = bench.run([reference.choice.with_half_of_h()])
     growth = dict(prediction.growth)
     for candidate in candidates:
-        apart = np.abs(np.log(candidate.rule.errors.x / candidate.x))
-        trial = candidate.rule.trials[int(np.argmin(apart))]
+        # of the runs that were made by its rule, the one whose steps are nearest to its own
+        distance_of_steps = np.abs(np.log(candidate.rule.errors.x / candidate.x))
+        trial = candidate.rule.trials[int(np.argmin(distance_of_steps))]
         is_costly = HALF_OF_H_COSTS * trial.seconds > COSTLY_SECONDS
         if trial is reference or not finer_reference.is_ok or is_costly:
             continue
@@ -80,21 +82,28 @@ def time_candidates(bench: Bench, prediction: Prediction, goal: Goal) -> Predict
 
 
 def _measure_seconds(bench: Bench, candidate: Candidate) -> float:
-    """Return the seconds of a candidate from a short run; infinite if that fails."""
+    """Return the CPU seconds of a candidate [s], or infinity if its run fails.
+
+    Only a part of the whole time is run, and its seconds are divided by the part. The short run
+    has no quantities, because these may belong to the end.
+    """
     choice = candidate.choice
     part = PART_OF_SHORT_RUN
     if choice.steps:
         part = min(max(PART_OF_SHORT_RUN, STEPS_OF_SHORT_RUN / choice.steps), 1.0)
         choice = replace(choice, steps=max(round(part * choice.steps), 1))
-    short = replace(bench, opened=shorten(bench.opened, part), quantities=())
-    (trial,) = short.run([choice], timed=True)
+    short_bench = replace(bench, opened=shorten(bench.opened, part), quantities=())
+    (trial,) = short_bench.run([choice], timed=True)
     if trial.is_ok:
         return trial.seconds / part
     return math.inf
 
 
 def shorten(opened: Problem, part: float) -> Problem:
-    """Return the problem that ends after a part of its time."""
+    """Return the problem that ends after a part (0 to 1) of its time.
+
+    A scene loses its tables [interest] and [expect], which may ask for values of the end.
+    """
     span = opened.span
     assert span is not None
     if isinstance(opened, FunctionProblem):
@@ -102,7 +111,7 @@ def shorten(opened: Problem, part: float) -> Problem:
 
     def end_earlier(tables: dict) -> dict:
         tables["time"]["t_end"] = opened.scene.time.t_start + part * span
-        of_the_end = ("interest", "expect")
-        return {name: table for name, table in tables.items() if name not in of_the_end}
+        tables_of_the_end = ("interest", "expect")
+        return {name: table for name, table in tables.items() if name not in tables_of_the_end}
 
     return opened.changed(Change(edits=(end_earlier,)))

@@ -44,11 +44,13 @@ class Curve:
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return (m, q) values at (m,) sizes."""
+        # a power of x is a straight line in the logarithms
         at = np.log(np.asarray(x, dtype=float))
-        known = np.log(self.x)
-        inside = np.stack([np.interp(at, known, column) for column in np.log(self.y).T], axis=1)
-        beyond = np.maximum(at - known[-1], 0.0)[:, None] * self.slope
-        before = np.minimum(at - known[0], 0.0)[:, None] * self.below
+        measured = np.log(self.x)
+        columns = [np.interp(at, measured, column) for column in np.log(self.y).T]
+        inside = np.stack(columns, axis=1)
+        beyond = np.maximum(at - measured[-1], 0.0)[:, None] * self.slope
+        before = np.minimum(at - measured[0], 0.0)[:, None] * self.below
         return np.exp(inside + beyond + before)
 
     def scaled(self, factor: float | np.ndarray) -> "Curve":
@@ -59,14 +61,19 @@ class Curve:
 def error_curve(
     x: Sequence[float], apart: Sequence[np.ndarray], theory: np.ndarray, left: np.ndarray | float
 ) -> Curve:
-    """Return errors that do not grow with x, with their order beyond the measured ones.
+    """Return the curve of the errors over the sizes x of k runs; a larger x is a finer run.
 
-    `apart` are distances to a reference, and `left` is its own error, which is added. An error
-    smaller than the error of a finer run is small by chance: the finer run's replaces it. The
-    order of the last two runs holds beyond them, but is at least 1/2 and at most the theory; the
-    order of the first two holds below them, but is at least 1.
+    `apart` are k distances (q,) to a reference run. `left` is the error of the reference itself,
+    which is added to them. `theory` (q,) are the theoretical orders.
+
+    Between the runs errors never grow with x: an error that is smaller than the error of a finer
+    run is small by chance, and gets the finer run's. Beyond the finest run errors fall with the
+    order of the last two runs, but with at least 1/2 and at most the theory. Below the coarsest
+    run they grow with the order of the first two, but with at least 1. From a single run no
+    order is seen: then three quarters of the theory count as observed.
     """
     sizes, values = _sorted(x, apart)
+    # the largest error of this run and of all finer ones
     values = np.maximum.accumulate((values + left)[::-1])[::-1]
     if len(sizes) > 1:
         powers = np.diff(np.log(values), axis=0) / np.diff(np.log(sizes))[:, None]
@@ -84,11 +91,12 @@ def error_curve(
 def clear_orders(
     x: np.ndarray, errors: np.ndarray, theory: np.ndarray, left: np.ndarray | float
 ) -> np.ndarray:
-    """Return (q,) orders between the first and the last clear error, at least 1/2.
+    """Return the (q,) observed orders, of at least 1/2 and at most the theory.
 
-    An error is clear if it is above twice `left`, the error of the reference that it contains:
-    the others say more of the reference. With less than two clear errors it is three quarters
-    of the theory.
+    `errors` (k, q) are the errors at increasing sizes x (k,). Each contains `left`, the error of
+    the reference. An error is clear if it is above twice `left`: a smaller one says more of the
+    reference than of the run. The order is observed between the first and the last clear error.
+    With less than two clear errors it is three quarters of the theory.
     """
     orders = CAREFUL_PART_OF_ORDER * theory
     for k, is_clear in enumerate((errors > 2 * np.asarray(left)).T):
@@ -131,13 +139,18 @@ def grouped(
 
 
 def cost_curve(x: Sequence[float], seconds: Sequence[float], low: float, high: float) -> Curve:
-    """Return seconds over a size; beyond the measured runs their power lies in [low, high].
+    """Return the curve of measured CPU seconds over a size x, such as √triangles.
 
-    A run that takes longer than a finer one does so by chance, as the first one of a process,
-    which loads compiled code: the seconds of the finer run replace its seconds.
+    Beyond the measured runs the seconds follow the power of x that the last two runs show, but
+    at least `low` and at most `high`; a single run gets their middle.
+
+    A run that takes longer than a finer one does so by chance. The first run of a process does,
+    for example, because it loads compiled code. The seconds of the finer run replace its own.
     """
     sizes, values = _sorted(x, seconds)
-    values = np.maximum(values, np.finfo(float).eps)  # which have logarithms: a clock may show 0
+    # a clock may show 0, which has no logarithm
+    values = np.maximum(values, np.finfo(float).eps)
+    # the least seconds of this run and of all finer ones
     values = np.minimum.accumulate(values[::-1])[::-1]
     if len(sizes) > 1:
         measured = float(np.log(values[-1] / values[-2]) / np.log(sizes[-1] / sizes[-2]))

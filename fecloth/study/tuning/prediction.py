@@ -95,7 +95,7 @@ class Settings:
     seconds: np.ndarray
 
     def candidate(self, mesh: Mesh, rule: Rule, k: int) -> Candidate:
-        """Return the setting k."""
+        """Return the setting number k of this mesh and this rule as a candidate."""
         return Candidate(
             mesh=mesh,
             rule=rule,
@@ -150,29 +150,33 @@ class Prediction:
         return replace(self, dropped=self.dropped | keys)
 
     def pairs(self) -> list[tuple[Mesh, Rule]]:
-        """Return all meshes with all rules.
+        """Return the pairs of a mesh and a rule whose errors are known, except the dropped ones.
 
-        Explicit methods lump the mass, which changes the error of P2: there both kinds of rules
-        need meshes that were run with their own kind.
+        Explicit methods lump the mass, which changes the error in space of P2. So on P2 an
+        explicit rule needs a mesh that was run explicitly, and an implicit rule one that was run
+        implicitly. All meshes were run with the steps of the coarse run.
         """
-        is_lumped = self.coarse.choice.is_explicit
+        are_meshes_lumped = self.coarse.choice.is_explicit
         pairs = []
         for mesh in self.meshes:
             for rule in self.times.rules:
-                is_measured = mesh.choice.element != "P2" or (rule.kind == "limit") == is_lumped
-                if is_measured and key_of_pair(mesh, rule) not in self.dropped:
+                is_rule_lumped = rule.kind == "limit"
+                is_p2 = mesh.choice.element == "P2"
+                has_other_mass = is_p2 and is_rule_lumped != are_meshes_lumped
+                if not has_other_mass and key_of_pair(mesh, rule) not in self.dropped:
                     pairs.append((mesh, rule))
         return pairs
 
     def settings_of(self, mesh: Mesh, rule: Rule) -> Settings:
-        """Return the settings of a mesh and a rule, on a grid of sizes.
+        """Return the settings of a mesh and a rule, with their predicted errors and seconds.
 
-        The grid reaches from coarser meshes than the measured ones to finer ones, and to shorter
-        steps.
+        They are all pairs of a size of the mesh and a size of the steps. The sizes reach from
+        meshes coarser than the measured ones to finer ones, and to steps shorter than the
+        measured ones.
         """
         coarse = self.coarse
         is_p2 = mesh.choice.element == "P2"
-        edges = mesh.errors.x[-1:]
+        edges = mesh.errors.x[-1:]  # without h there is a single mesh
         if mesh.choice.h:
             edges = _sizes(COARSEST_MESH * mesh.errors.x[0], FINEST_MESH * mesh.errors.x[-1])
         x = np.ones(1)
@@ -180,22 +184,27 @@ class Prediction:
             x = _sizes(rule.errors.x[0], SHORTEST_STEPS * rule.errors.x[-1])
         edges, x = (values.ravel() for values in np.meshgrid(edges, x))
         if rule.kind == "limit":
+            # the stable step falls with the distance of nodes, and P2 has nodes amid its edges
             x = edges / coarse.edges
             if is_p2 and coarse.choice.element != "P2":
                 x *= NODES_OF_P2
         elif rule.kind == "steps":
-            x = np.ceil(x)
-        nodes = edges * NODES_OF_P2 if is_p2 else edges
-        in_time = rule.errors(x) * self._growth(rule, nodes)[:, None]
-        seconds_of_step = mesh.seconds(edges)[:, 0] / (coarse.seconds / coarse.steps)
+            x = np.ceil(x)  # a whole number of steps
+        nodes_along_edge = edges * NODES_OF_P2 if is_p2 else edges
+        errors_in_time = rule.errors(x) * self._growth(rule, nodes_along_edge)[:, None]
+        # the rule was timed on the coarse mesh: a step on this mesh takes so many times as long
+        ratio_of_step = mesh.seconds(edges)[:, 0] / (coarse.seconds / coarse.steps)
         factor = self.factors.get(key_of_pair(mesh, rule), 1.0)
-        seconds = rule.seconds(x)[:, 0] * seconds_of_step * factor
-        return Settings(edges, x, mesh.errors(edges), in_time, seconds)
+        seconds = rule.seconds(x)[:, 0] * ratio_of_step * factor
+        return Settings(
+            edges=edges, x=x, space=mesh.errors(edges), time=errors_in_time, seconds=seconds
+        )
 
     def error_in_time(self, trial: Trial) -> np.ndarray:
         """Return the (q,) predicted error in time of a run on any mesh."""
         key = key_of(trial.choice)
         rules = self.times.rules
+        # an equilibrium has one rule, whose key is another
         rule = next((rule for rule in rules if rule.key == key), rules[0])
         on_coarse_mesh = rule.errors(np.array([size_of(trial.choice)]))[0]
         return on_coarse_mesh * self._growth(rule, np.array([trial.edges]))
@@ -249,43 +258,54 @@ class Goal:
     def candidates(
         self, prediction: Prediction, margin: float = PART_OF_TOLERANCE
     ) -> list[Candidate]:
-        """Return the predicted candidate of each mesh and rule, the best first.
+        """Return one candidate of each mesh and rule that can meet the goal, the best first.
 
-        They are the cheapest within `margin` times the tolerance, or the most accurate within
-        the budget. Candidates that differ by less than `NOISE_OF_SECONDS` are sorted by their
-        errors, which have no noise.
+        With a tolerance the candidate is the cheapest setting whose predicted error is at most
+        `margin` times the tolerance. With a budget it is the most accurate setting within it.
+        Candidates that are worse than the best one by less than `NOISE_OF_SECONDS` count as
+        equally good, and are sorted by their errors, which have no noise.
         """
-        best = [self._best_setting(prediction, *pair, margin) for pair in prediction.pairs()]
-        candidates = [candidate for candidate in best if candidate]
+        candidates = []
+        for mesh, rule in prediction.pairs():
+            candidate = self._best_setting(prediction, mesh, rule, margin)
+            if candidate:
+                candidates.append(candidate)
 
-        def place(candidate: Candidate) -> float:
+        def value_to_minimise(candidate: Candidate) -> float:
             if self.has_budget:
                 return candidate.error + prediction.other
             return candidate.seconds
 
-        limit = NOISE_OF_SECONDS * min(map(place, candidates), default=0.0)
+        best_value = min(map(value_to_minimise, candidates), default=0.0)
 
-        def order(candidate: Candidate) -> tuple[bool, float]:
-            if place(candidate) <= limit:
-                return False, candidate.error
-            return True, place(candidate)
+        def sort_key(candidate: Candidate) -> tuple[bool, float]:
+            value = value_to_minimise(candidate)
+            if value <= NOISE_OF_SECONDS * best_value:
+                return False, candidate.error  # False comes before True
+            return True, value
 
-        return sorted(candidates, key=order)
+        return sorted(candidates, key=sort_key)
 
     def _best_setting(
         self, prediction: Prediction, mesh: Mesh, rule: Rule, margin: float
     ) -> Candidate | None:
-        """Return the best candidate of a mesh and a rule; None if none serves."""
+        """Return the best setting of a mesh and a rule; None if none meets the goal.
+
+        It is the cheapest one within `margin` times the tolerance, or the most accurate one
+        within the budget. Of settings that are equal within the noise, the most accurate one is
+        taken.
+        """
         settings = prediction.settings_of(mesh, rule)
         error = (settings.space + settings.time).max(axis=1) + prediction.other
         if self.has_budget:
-            serves = settings.seconds <= PART_AFTER_MEASUREMENT * self.budget
-            rank = error
+            meets_goal = settings.seconds <= PART_AFTER_MEASUREMENT * self.budget
+            to_minimise = error
         else:
-            serves = error <= margin * self.tolerance
-            rank = settings.seconds
-        if not serves.any():
+            meets_goal = error <= margin * self.tolerance
+            to_minimise = settings.seconds
+        if not meets_goal.any():
             return None
-        is_close = serves & (rank <= NOISE_OF_SECONDS * rank[serves].min())
-        close = np.flatnonzero(is_close)
-        return settings.candidate(mesh, rule, close[np.argmin(error[close])])
+        least = to_minimise[meets_goal].min()
+        close_to_least = np.flatnonzero(meets_goal & (to_minimise <= NOISE_OF_SECONDS * least))
+        best = close_to_least[np.argmin(error[close_to_least])]
+        return settings.candidate(mesh, rule, best)

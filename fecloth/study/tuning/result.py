@@ -86,7 +86,10 @@ class Tuned(StudyResult):
     search_seconds: float = math.nan
 
     def notes(self) -> list[str]:
-        """Sentences on the parts of the error, the cost and what was noticed."""
+        """Return sentences on the parts of the error, on the CPU time, and the remarks.
+
+        A number that is not known is left out.
+        """
         lines = []
         if self.parts:
             parts = ", ".join(f"{name} {in_percent(size)}" for name, size in self.parts.items())
@@ -109,7 +112,12 @@ class Tuned(StudyResult):
         return 0 if self.proved else errors.MISSED
 
     def figure(self) -> Figure:
-        """Return the estimated errors of all runs over their CPU seconds."""
+        """Return a plot of the estimated errors of the runs over their CPU seconds.
+
+        Both axes are logarithmic. Runs of other terms are left out, and so are runs whose error
+        is 0 or not known. Each pair of a method and an element has its own marker. A ring marks
+        the tuned run, and a dashed line the tolerance or the budget.
+        """
         drawing, ax = new_figure(size=(10.0, 6.0))
         rows = [row for row in self.table if _is_shown(row)]
         if not rows:
@@ -123,10 +131,12 @@ class Tuned(StudyResult):
             errors = [row["error %"] for row in rows]
             ax.plot(seconds, errors, ls="", label=label, **look)
 
-        for i, name in enumerate(dict.fromkeys(map(_series, rows))):
-            own = [row for row in rows if _series(row) == name]
+        names = dict.fromkeys(map(_series, rows))  # each once, in their order
+        for i, name in enumerate(names):
+            rows_of_series = [row for row in rows if _series(row) == name]
             marker = MARKERS[i % len(MARKERS)]
-            plot(own, name, marker=marker, color=COLOURS[i % len(COLOURS)], alpha=0.8)
+            colour = COLOURS[i % len(COLOURS)]
+            plot(rows_of_series, name, marker=marker, color=colour, alpha=0.8)
         if tuned := [row for row in rows if row["run"] == "tuned"]:
             plot(tuned, "tuned", marker="o", ms=18, mfc="none", mec="k", mew=1.6)
         if math.isfinite(self.tolerance):
@@ -160,9 +170,10 @@ def summarise(
     dropped: Sequence[str],
     folder: str | Path | None,
 ) -> Tuned:
-    """Return the result; write tuned.toml.
+    """Return the result of `tune`, and write tuned.toml in `folder`, if that is not None.
 
-    The search `took` so many CPU seconds. `dropped` are the changes of terms and gaps in words.
+    `proof` is the tuned run with its error, and `took` are the CPU seconds of the search.
+    `dropped` are the changes of terms and gaps in words. A function has no tuned.toml.
     """
     trial = proof.trial
     opened = bench.opened
@@ -202,10 +213,13 @@ def _remarks(bench: Bench, dropped: Sequence[str]) -> Iterator[str]:
 
 
 def _verdict(proof: Proof, goal: Goal, proved: bool) -> str:
-    """Return the answer in words: the setting, its error and seconds, and its proof."""
+    """Return the answer in words: whether it is proved, the setting, its error and CPU time.
+
+    Without a proof it also says why there is none.
+    """
     error = "unknown" if math.isnan(proof.error) else in_percent(proof.error)
     run = proof.trial
-    has = f"{run.choice}: estimated error {error}, CPU time {run.seconds:.2g} s"
+    setting = f"{run.choice}: estimated error {error}, CPU time {run.seconds:.2g} s"
     if goal.has_budget:
         allowed = f"{goal.budget:g} s"
         missed = f"a budget of {allowed} cannot be kept: no run of the search was shorter"
@@ -213,8 +227,8 @@ def _verdict(proof: Proof, goal: Goal, proved: bool) -> str:
         allowed = in_percent(goal.tolerance)
         missed = f"no verified setting has an error below {allowed}"
     if proved:
-        return f"proved: {has} (allowed: {allowed})"
-    return f"not proved: {proof.why or missed}. What can be had: {has}"
+        return f"proved: {setting} (allowed: {allowed})"
+    return f"not proved: {proof.why or missed}. What can be had: {setting}"
 
 
 def _settings(trial: Trial) -> dict[str, Any]:
@@ -227,18 +241,20 @@ def _settings(trial: Trial) -> dict[str, Any]:
 
 
 def table_of_runs(bench: Bench, proof: Proof) -> Table:
-    """Return a row for each run, with the largest error that it may have.
+    """Return a row for each run, with the largest error that it may have, in per cent.
 
-    This is its distance to the verifying run plus the error that is left in that one; for the
-    tuned run it is the estimated error.
+    For the tuned run this is the estimated error. For the others it is their distance to the
+    verifying run, plus the error that is left in the verifying run: the estimated error of the
+    tuned run less the distance of these two. Without a verifying run, for failed runs, and for
+    runs that only measure seconds, there is no error. A column without any value is left out.
     """
     finer = proof.finer
     runs = [*bench.other_than(finer), proof.trial]
     error_of_finer = 0.0
     if finer:
         runs.append(finer)
-        shown = float(bench.distance(finer, proof.trial).max())
-        error_of_finer = max(proof.error - shown, 0.0)
+        distance_to_tuned = float(bench.distance(finer, proof.trial).max())
+        error_of_finer = max(proof.error - distance_to_tuned, 0.0)
     rows = []
     for trial in each_once(runs):
         row = _row(bench, trial, proof)
@@ -248,12 +264,15 @@ def table_of_runs(bench: Bench, proof: Proof) -> Table:
             distance = float(bench.distance(finer, trial).max())
             row["error %"] = 100 * (distance + error_of_finer)
         rows.append(row)
-    used = {name for row in rows for name, value in row.items() if value is not None}
-    return Table(tuple({name: row[name] for name in row if name in used} for row in rows))
+    with_values = {name for row in rows for name, value in row.items() if value is not None}
+    return Table(tuple({name: row[name] for name in row if name in with_values} for row in rows))
 
 
 def _row(bench: Bench, trial: Trial, proof: Proof) -> dict[str, Any]:
-    """Return the row of a run without its error."""
+    """Return the row of a run without its error: its purpose, setting, status, size and seconds.
+
+    A failed run has no size and no seconds.
+    """
     row: dict[str, Any] = {"run": _purpose(bench, trial, proof)}
     row |= {title: getattr(trial.choice, name) or None for name, title in COLUMNS.items()}
     row["graded"] = "yes" if trial.choice.grading else None
@@ -265,12 +284,12 @@ def _row(bench: Bench, trial: Trial, proof: Proof) -> dict[str, Any]:
 
 
 def _purpose(bench: Bench, trial: Trial, proof: Proof) -> str:
-    """Return what a run was for, in words."""
+    """Return what a run was for, in words, as the column "run" of the table shows it."""
     if trial is proof.trial:
         return "tuned"
     if trial is proof.finer:
         return "verifying"
-    if trial.is_ok and not trial.records:
+    if trial.is_ok and not trial.records:  # it was run without quantities
         return "timing"
     if isinstance(bench.opened, SceneProblem) and "point" in trial.row:
         terms = trial.row["point"].problem.scene.terms

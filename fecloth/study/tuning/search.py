@@ -37,10 +37,12 @@ PART_OF_TIME_LEFT = 0.7
 
 
 def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
-    """Return the elements and patterns with about 128 triangles; finer where it must be.
+    """Return the elements and patterns to try, with an h that gives about 128 triangles.
 
-    P2 has a quarter of the triangles, and so as many nodes. Half of h is tried as long as small
-    parts of a shape cannot be meshed; if it never can, the run of the last choice says why.
+    P2 gets a quarter of the triangles, so that it has as many nodes. If the mesh is so coarse
+    that small parts of a shape cannot be meshed, h is halved until they can. If this never
+    helps, the choices with the last h are returned, and their runs will say why they fail. A
+    mesh without h stays as it is. Raise `InputError` for an unknown name in `elements`.
     """
     listed = choices.meshes_to_try(opened, elements)
     if listed[0].h is None:
@@ -71,10 +73,14 @@ def _scaled(choice: Choice, factor: float) -> Choice:
 def measure_meshes(
     bench: Bench, meshes: Sequence[Choice], times: TimeErrors, coarse: Trial, goal: Goal
 ) -> tuple[SpaceErrors, Prediction]:
-    """Refine all meshes once, then the ones that matter, until the choice among them is known.
+    """Run all meshes with the steps of the coarse run, and refine them as far as is needed.
 
-    A run is left out if its predicted time is more than a tenth of the time of the search,
-    unless it has the mesh of the coarse run.
+    First each mesh is run as it is and with half of h. Then one mesh after the other is refined,
+    see `next_mesh`, until the best setting is known well enough, the errors stall, a run fails,
+    or the time left is too short. In the first part a run is left out if it should take more
+    than `COSTLY_SECONDS`, unless it has the mesh of the coarse run.
+
+    Return the errors in space, and the prediction from these and the errors in time.
     """
     orders = np.array([orders_of(bench, meshes, element) for element in ("P1", "P2")])
     trials = _first_meshes(bench, meshes, coarse)
@@ -97,31 +103,44 @@ def measure_meshes(
 
 
 def _first_meshes(bench: Bench, meshes: Sequence[Choice], coarse: Trial) -> list[Trial]:
-    """Run all meshes with the steps of the coarse run."""
+    """Run all meshes with the steps of the coarse run, and graded ones; return all trials.
+
+    The coarse run is the first of them. If it is costly, no other is made.
+    """
     if coarse.seconds > COSTLY_SECONDS:
         return [coarse]
-    own = coarse.choice
+    coarse_choice = coarse.choice
     others = [
-        replace(mesh, method=own.method, steps=own.steps, rtol=own.rtol)
+        replace(
+            mesh,
+            method=coarse_choice.method,
+            steps=coarse_choice.steps,
+            rtol=coarse_choice.rtol,
+        )
         for mesh in meshes
-        if mesh.mesh != own.mesh
+        if mesh.mesh != coarse_choice.mesh
     ]
     trials = [coarse, *bench.run(others, timed=coarse.seconds < QUICK_SECONDS)]
-    if own.h is not None:
+    if coarse_choice.h is not None:
         trials += bench.run(graded_choices(bench.opened, trials))
     return trials
 
 
 def _refine_once(bench: Bench, coarse: Trial, trials: Sequence[Trial]) -> list[Trial]:
-    """Run each mesh with half of h, unless that was done or would take too long."""
-    known = {run.choice: run for run in bench.done[bench.changed :] if run.is_ok}
+    """Return the runs of all meshes with half of h.
+
+    A run that was made before is taken again. It is left out if the mesh failed, or if half of h
+    would be costly and the mesh is not the one of the coarse run.
+    """
+    # the runs of this problem: earlier ones have other terms
+    done = {run.choice: run for run in bench.done[bench.changed :] if run.is_ok}
     refined = []
     for trial in trials:
         choice = trial.choice.with_half_of_h()
         is_own = trial.choice.mesh == coarse.choice.mesh
         is_costly = HALF_OF_H_COSTS * trial.seconds > COSTLY_SECONDS
-        if choice in known:
-            refined.append(known[choice])
+        if choice in done:
+            refined.append(done[choice])
         elif trial.is_ok and (is_own or not is_costly):
             refined += bench.run([choice], timed=trial.seconds < QUICK_SECONDS)
     return refined
@@ -157,7 +176,11 @@ def is_extrapolated(candidate: Candidate) -> bool:
 
 
 def seconds_of_next(mesh: Mesh, coarse: Trial) -> float:
-    """Predict the seconds of the next finer mesh; explicit steps are halved with h."""
+    """Predict the CPU seconds of the next run of a mesh [s], with half of its smallest h.
+
+    It has as many steps as the finest run; explicit ones twice as many, because their stable
+    step is halved with h.
+    """
     finest = mesh.trials[-1]
     ratio = 2.0
     if len(mesh.trials) > 1:  # an unstructured mesh may gain more triangles by half of h
@@ -169,9 +192,16 @@ def seconds_of_next(mesh: Mesh, coarse: Trial) -> float:
 
 
 def obstacle_of(
-    bench: Bench, space: SpaceErrors, prediction: Prediction, goal: Goal, most: float | None
+    bench: Bench,
+    space: SpaceErrors,
+    prediction: Prediction,
+    goal: Goal,
+    most_seconds: float | None,
 ) -> str:
-    """Return why no setting can be proved; "" if one may be. `most` is the longest run [s]."""
+    """Return in words why no setting can be proved to meet the goal; "" if one may be.
+
+    `most_seconds` is the CPU time [s] that a run may take; None for no limit.
+    """
     if space.reference.choice.h is None:
         return (
             "the mesh has no h, so it is not refined, and its error in space counts as 100 %; "
@@ -188,7 +218,7 @@ def obstacle_of(
     first = candidates[0]
     error = float(space.error.max())
     seconds = f"in about {in_words(first.seconds)}"
-    if first.seconds > (most or math.inf):
+    if first.seconds > (most_seconds or math.inf):
         return f"{first.choice} should meet it, {seconds}: too long"
     if error > goal.tolerance and is_extrapolated(first):
         differ = f"the best meshes that were run still differ by {in_percent(error)}"
@@ -197,7 +227,11 @@ def obstacle_of(
 
 
 def _why_none(space: SpaceErrors, prediction: Prediction, goal: Goal, causes: str) -> str:
-    """Return why no setting is predicted to meet the goal: its time, the solver or the mesh."""
+    """Return in words why no setting is predicted to meet the goal.
+
+    The first reason that holds is given: the budget, the gaps of contact, the other errors that
+    mesh and steps do not change, the steps, or else the mesh. `causes` is added to the last one.
+    """
     if math.isfinite(goal.budget):
         return f"no setting is predicted to take less than {goal.budget:g} s"
     allowed = PART_OF_TOLERANCE * goal.tolerance
@@ -210,6 +244,7 @@ def _why_none(space: SpaceErrors, prediction: Prediction, goal: Goal, causes: st
     error = mesh.errors.y[-1]
     if error.max() <= allowed:
         return "the error in time of all methods is predicted to be larger"
+    # error ~ h^order, so h must be divided by (error / allowed)^(1 / order)
     ratio = float(((error / allowed) ** (1 / mesh.errors.order)).max())
     finest = f"{mesh.trials[-1].choice}, the finest that the time of the search allows{causes}"
     return f"it needs a mesh about {ratio:.2g} times finer than {finest}"

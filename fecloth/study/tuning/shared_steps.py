@@ -33,12 +33,13 @@ def prefer(trials: Sequence[Trial], by: Sequence[Callable[[Trial], bool]]) -> li
 
 
 def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
-    """Return the run whose steps all meshes take.
+    """Return the run on the coarse mesh whose method and steps all meshes will have.
 
     Methods that damp the shortest waves are preferred: the others keep the waves that each
-    finer mesh adds and that their steps do not resolve. So are implicit methods, because
-    explicit ones lump the mass of P2. Of runs whose error in time is below a quarter of the
-    tolerance the cheapest is taken; if there is none, the most accurate.
+    finer mesh adds and that their steps do not resolve. Next, runs whose error in time is within
+    the tolerance are preferred, and among these implicit ones, because explicit methods lump the
+    mass of P2. Of runs whose error in time is below a quarter of the tolerance the cheapest is
+    returned; if there is none, the most accurate run.
     """
     error = partial(_error_in_time, bench, times)
 
@@ -74,10 +75,15 @@ def _error_in_time(bench: Bench, times: TimeErrors, trial: Trial) -> float:
 
 
 def shorten_steps(bench: Bench, times: TimeErrors, coarse: Trial, tolerance: float) -> Trial:
-    """Halve the steps of the coarse run until they serve on a mesh with half of h, too.
+    """Halve dt of the coarse run until it is short enough on a mesh with half of h, too.
 
-    Where there are too few, Newton's iteration lands on another solution there, and the meshes
-    would disagree. Return the run on the coarse mesh with these steps.
+    With steps that are too long, Newton's iteration may land on another solution on the finer
+    mesh, and the meshes would disagree. dt is short enough if halving it on the finer mesh shows
+    an error in time of at most a quarter of the tolerance, or of `GROWTH_ON_HALF_OF_H` times the
+    error on the coarse mesh.
+
+    Return the run on the coarse mesh with this dt: `coarse` itself if it has no equal steps to
+    choose or no h. The halving also ends where a run would be costly or fails.
     """
     if not coarse.choice.steps or coarse.choice.is_explicit or coarse.choice.h is None:
         return coarse
@@ -89,14 +95,15 @@ def shorten_steps(bench: Bench, times: TimeErrors, coarse: Trial, tolerance: flo
             break
         choice = choice.with_half_of_dt()
         on_half_of_h += bench.run([choice])
+        longer, shorter = on_half_of_h[-2:]
         allowed = max(COUNTING_SHARE * tolerance, GROWTH_ON_HALF_OF_H * error_on_coarse)
-        if error_of_steps(bench, *on_half_of_h[-2:]) <= allowed:
+        if error_of_steps(bench, longer, shorter) <= allowed:
             break
-        (shorter,) = bench.run([coarse.choice.with_half_of_dt()])
-        if not shorter.is_ok:
+        (coarse_with_half_of_dt,) = bench.run([coarse.choice.with_half_of_dt()])
+        if not coarse_with_half_of_dt.is_ok:
             break
-        coarse = shorter
-        error_on_coarse /= 2 ** order_of(coarse.choice.method)
+        coarse = coarse_with_half_of_dt
+        error_on_coarse /= 2 ** order_of(coarse.choice.method)  # error ~ dt^order
     return coarse
 
 
@@ -111,7 +118,9 @@ def error_of_steps(bench: Bench, trial: Trial, shorter: Trial) -> float:
 def blame_steps(bench: Bench, space: SpaceErrors, tolerance: float) -> bool:
     """Return whether the steps are why meshes disagree.
 
-    The finest runs of the two meshes that disagree are repeated with half of dt.
+    The best known run, and the finest run of the mesh that disagrees with it, are repeated with
+    half of dt. The steps are to blame if this shows an error in time of more than half of the
+    tolerance. A run whose repetition would be costly is left out.
     """
     rivals = [space.rival] if space.rival else space.meshes
     others = [mesh.trials[-1] for mesh in rivals if mesh.trials[-1] is not space.reference]

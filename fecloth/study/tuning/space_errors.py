@@ -90,55 +90,68 @@ class SpaceErrors:
     def stalls(self, bench: Bench, tolerance: float) -> bool:
         """Whether there is a kind of mesh whose finer meshes do not come closer to each other.
 
-        The last change counts if it is above twice the tolerance. It is compared with the change
-        before, of this or of another kind, because one of them may be small by accident.
+        This is so if the change by the last refinement is above twice the tolerance and has not
+        fallen, with an order of `curves.STALLED_ORDER`, from the change before. The largest
+        change before of all kinds of meshes counts, because the change of one kind may be small
+        by accident.
         """
         refined = [mesh.trials for mesh in self.meshes if len(mesh.trials) > 1]
         twice_refined = [runs for runs in refined if len(runs) > 2]
-        before = 0.0
+        change_before = 0.0
         for runs in refined:
+            # the refinement before the last one, or the only one
             coarser, finer = runs[-3:-1] if len(runs) > 2 else runs
-            before = max(before, float(bench.distance(finer, coarser).max()))
+            change_before = max(change_before, float(bench.distance(finer, coarser).max()))
         for *_, coarser, finest in twice_refined:
+            # the sag of both may be off, because it is taken at nodes: this proves no stall
             change = bench.distance(finest, coarser) - unsampled(bench, coarser)
-            allowed = before * (finest.edges / coarser.edges) ** -curves.STALLED_ORDER
+            ratio = finest.edges / coarser.edges
+            allowed = change_before * ratio**-curves.STALLED_ORDER
             if change.max() > max(IRREGULAR_CHANGE * tolerance, allowed):
                 return True
         return False
 
 
 def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) -> SpaceErrors:
-    """Return the curves of all meshes: distances to the best run, plus the error of that run.
+    """Return the errors in space of all kinds of meshes, from their runs.
 
-    `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
+    `trials` are the runs; failed ones are left out. `orders` (2, q) are the theoretical orders
+    in h of the quantities on P1 and on P2.
+
+    The best run is the finest run of a kind whose own error is least. The errors of the others
+    are their distances to it, plus its own error. If the best and the second-best run differ by
+    more than both errors, the excess counts as the error of the best run, where it is larger.
     """
-    able = [trial for trial in trials if trial.is_ok]
-    kinds = curves.grouped(able, lambda trial: trial.choice.mesh, lambda trial: trial.edges)
+    finished = [trial for trial in trials if trial.is_ok]
+    kinds = curves.grouped(
+        finished, group=lambda trial: trial.choice.mesh, size=lambda trial: trial.edges
+    )
 
     def theory(runs: Sequence[Trial]) -> np.ndarray:
         return orders[int(runs[0].choice.element == "P2")]
 
     finest = [(runs[-1], _own_error(bench, runs, theory(runs))) for runs in kinds]
-    (reference, own), *others = sorted(finest, key=lambda pair: pair[1].max())
-    error = own
+    (reference, own_error), *others = sorted(finest, key=lambda pair: pair[1].max())
+    error = own_error
     second = None
-    if others:  # the two best runs may differ by more than both errors
+    if others:
         second, error_of_second = others[0]
-        error = np.fmax(own, bench.distance(reference, second) - (own + error_of_second))
+        unexplained = bench.distance(reference, second) - (own_error + error_of_second)
+        error = np.fmax(own_error, unexplained)
     meshes = []
     for runs in kinds:
         edges = [run.edges for run in runs]
-        apart = [bench.distance(reference, run) for run in runs]
+        distances = [bench.distance(reference, run) for run in runs]
         seconds = [run.seconds / run.steps for run in runs]
         mesh = Mesh(
             choice=runs[0].choice,
-            errors=curves.error_curve(edges, apart, theory(runs), error),
+            errors=curves.error_curve(edges, distances, theory(runs), error),
             seconds=curves.cost_curve(edges, seconds, LEAST_POWER_OF_STEP, LARGEST_POWER_OF_STEP),
             trials=tuple(runs),
         )
         meshes.append(mesh)
     rival = None
-    if error.max() > own.max():
+    if error.max() > own_error.max():
         rival = next((mesh for mesh in meshes if mesh.trials[-1] is second), None)
     return SpaceErrors(tuple(meshes), reference, error, rival)
 
@@ -170,39 +183,49 @@ def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
 
 
 def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:
-    """Return how far the cloth may reach below its lowest node, by the (n,) depths of nodes."""
+    """Return how far the cloth may reach below its lowest node [m]; see `unsampled`.
+
+    `depth` (n,) are the depths of the nodes [m]. The result is a part of the mean height of the
+    neighbours above the lowest node. For a node on the border, only neighbours on the border
+    count.
+    """
     lowest = int(np.argmax(depth))
-    around = np.unique(cloth.parts[(cloth.parts == lowest).any(axis=1)])
+    has_lowest = (cloth.parts == lowest).any(axis=1)
+    nodes_around = np.unique(cloth.parts[has_lowest])
     part = DROP_INSIDE
     border = cloth.nodes("boundary")
     if lowest in border:
-        around = np.intersect1d(around, border)
+        nodes_around = np.intersect1d(nodes_around, border)
         part = DROP_ON_BORDER
-    neighbours = around[around != lowest]
+    neighbours = nodes_around[nodes_around != lowest]
     return part * float(depth[lowest] - depth[neighbours].mean())
 
 
 def graded_choices(opened: Problem, trials: Sequence[Trial]) -> list[Choice]:
-    """Return the choices of the first trial of each element, with gradings that save triangles.
+    """Return choices with graded meshes, which have small triangles only where errors are large.
 
-    There are none for explicit steps, which the smallest edge limits, for functions, for scenes
-    with their own gradings, and where the error in space has no estimate or is too even.
+    For each element it is the choice of its first trial that ran, with the gradings that the
+    error of this trial asks for. There is none where gradings would save too few triangles or
+    the error has no estimate, for explicit steps, which the smallest edge limits, for functions,
+    and for scenes with gradings of their own.
     """
     if isinstance(opened, FunctionProblem) or opened.scene.cloth.grading:
         return []
-    first: dict[str, Trial] = {}
+    first_trials: dict[str, Trial] = {}  # by element
     for trial in trials:
         if trial.is_ok and not trial.choice.is_explicit and trial.choice.h:
-            first.setdefault(trial.choice.element, trial)
+            first_trials.setdefault(trial.choice.element, trial)
     choices = []
-    for trial in first.values():
+    for trial in first_trials.values():
         choice = trial.choice
         setup = trial.row["point"].problem.first
+        end_state = end_of(trial.row)[1]
         try:
-            gradings = choose_gradings(setup, end_of(trial.row)[1], choice.h or 0.0, LEAST_SAVED)
+            gradings = choose_gradings(setup, end_state, choice.h or 0.0, LEAST_SAVED)
         except InputError:  # no estimate of the error, or a shape that takes no grading
             continue
         if gradings:
+            # only an unstructured mesh can be graded; "" is a mesh without a pattern
             pattern = "unstructured" if choice.pattern else ""
             choices.append(replace(choice, pattern=pattern, grading=gradings))
     return choices

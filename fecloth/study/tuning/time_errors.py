@@ -101,10 +101,12 @@ def order_of(method: str) -> float:
 def measure_methods(
     bench: Bench, mesh: Choice, methods: Sequence[str], tolerance: float, limit: float
 ) -> TimeErrors:
-    """Run the methods on a coarse mesh with steps of several lengths, for `limit` CPU seconds.
+    """Run the methods on a coarse mesh with steps of several lengths, and return their errors.
 
     The run with the least error, which follows from the change by its last refinement, is the
-    reference of all others.
+    reference of all others. First the steps of the first implicit method are doubled, until its
+    finest run serves as a reference; then an explicit method and the other methods run. `mesh`
+    is the choice of the coarse mesh. About `limit` CPU seconds are spent.
 
     Raises
     ------
@@ -114,14 +116,14 @@ def measure_methods(
     if not can_choose_steps(bench.opened):
         trials = bench.run([replace(mesh, method="", steps=None)])
         _require(trials)
-        return _single(trials[0])
+        return _errors_of_one_run(trials[0])
     explicit = next((name for name in methods if name in EXPLICIT), None)
     implicit = [name for name in methods if name not in EXPLICIT and name != "auto"]
     trials = []
     if implicit:
         trials = _double_steps(bench, replace(mesh, method=implicit[0]), tolerance, limit / 2)
     if _have_no_value(bench.opened, trials):
-        _require(trials)
+        _require(trials)  # raises: other methods would have no value, either
     finished = [trial for trial in trials if trial.is_ok]
     if explicit:
         trials += _explicit_runs(bench, replace(mesh, method=explicit))
@@ -156,8 +158,12 @@ def _require(trials: Sequence[Trial]) -> None:
     raise StudyFailed(f"no run on a coarse mesh reached its end; the first: {cause}")
 
 
-def _single(trial: Trial) -> TimeErrors:
-    """Return the one rule of an equilibrium, or of a function that chooses its steps."""
+def _errors_of_one_run(trial: Trial) -> TimeErrors:
+    """Return the one rule of an equilibrium, or of a function that chooses its steps.
+
+    There are no steps to choose, so that the error in time is 0: the round-off, which has a
+    logarithm. The size of the steps is 1, and the seconds are the ones of the run.
+    """
     no_error = np.full(len(trial.records), ROUND_OFF_OF_DISTANCES)
     x = np.ones(1)
     rule = Rule(
@@ -171,13 +177,14 @@ def _single(trial: Trial) -> TimeErrors:
 
 
 def _explicit_runs(bench: Bench, choice: Choice) -> list[Trial]:
-    """Run an explicit method at its stability limit and, if that is short, with half that step.
+    """Run an explicit method at its stability limit and, if that is quick, with half that step.
 
-    It is left out if it takes too many steps, or if the terms or the pins refuse it.
+    Return the trials: none if it would take too many steps, or if the terms or the pins refuse
+    an explicit method.
     """
     try:
-        first = problem_with(bench.opened, choice).first
-        steps = (bench.opened.span or 0.0) / critical_dt(first.system, first.start)
+        setup = problem_with(bench.opened, choice).first
+        steps = (bench.opened.span or 0.0) / critical_dt(setup.system, setup.start)
     except FeclothError:
         return []
     if steps > MOST_EXPLICIT_STEPS:
@@ -189,7 +196,12 @@ def _explicit_runs(bench: Bench, choice: Choice) -> list[Trial]:
 
 
 def _double_steps(bench: Bench, choice: Choice, tolerance: float, limit: float) -> list[Trial]:
-    """Double the steps of a method until its error in time is known and below the tolerance."""
+    """Run a method with twice as many steps again and again; return all trials.
+
+    It ends when three runs have reached their end and the error that is left in the last one is
+    below the tolerance, when no run can have a value of the quantity, after
+    `MOST_IMPLICIT_STEPS`, or when `limit` CPU seconds are spent.
+    """
     trials: list[Trial] = []
     steps = first_steps(bench.opened)
     while steps <= MOST_IMPLICIT_STEPS and spent(trials) < limit:
@@ -199,7 +211,8 @@ def _double_steps(bench: Bench, choice: Choice, tolerance: float, limit: float) 
             break
         if len(finished) > 2:
             change = bench.distance(finished[-1], finished[-2]).max()
-            if change / 3 < tolerance:  # the error of second order that is left in the last run
+            # of second order, halving dt leaves a quarter of the error: a third of the change
+            if change / 3 < tolerance:
                 break
         steps *= 2
     return trials
@@ -232,9 +245,12 @@ def _other_methods(
     tolerance: float,
     limit: float,
 ) -> list[Trial]:
-    """Run all implicit methods with as many steps as the first one and fewer, and by rtol.
+    """Run all implicit methods with fewer and fewer steps, and one by rtol; return the trials.
 
-    `finished` are the runs of the first one, whose steps are doubled from run to run.
+    `finished` are the runs of the first method, whose steps were doubled from run to run. The
+    other methods begin with as many steps as the last of these, methods of first order with
+    twice as many; all with so few that a run is not costly. The first method goes on with fewer
+    steps than its first run. No method begins after `limit` CPU seconds.
     """
     finest = finished[-1]
     seconds_per_step = finest.seconds / finest.steps
@@ -280,9 +296,10 @@ def _halve_steps(
 
 
 def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
-    """Return the curves of all rules: distances to the best run, plus the error of that run.
+    """Return the errors in time of all rules, from their runs; failed runs have none.
 
-    The best run is the finest one of its rule whose own error is least.
+    The best run is the finest run of a rule whose own error is least. The errors of the others
+    are their distances to it, plus its own error.
     """
     able = [trial for trial in trials if trial.is_ok]
     runs_of_rules = curves.grouped(
@@ -294,14 +311,14 @@ def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
     for runs in runs_of_rules:
         method, kind = key_of(runs[0].choice)
         x = [size_of(trial.choice) for trial in runs]
-        apart = [bench.distance(reference, trial) for trial in runs]
+        distances = [bench.distance(reference, trial) for trial in runs]
         theory = np.full(len(error), _theory(runs))
         least_power, largest_power = POWERS_OF_SECONDS[kind]
         seconds = [trial.seconds for trial in runs]
         rule = Rule(
             method=method,
             kind=kind,
-            errors=curves.error_curve(x, apart, theory, error),
+            errors=curves.error_curve(x, distances, theory, error),
             seconds=curves.cost_curve(x, seconds, least_power, largest_power),
             trials=tuple(runs),
         )
@@ -310,14 +327,17 @@ def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
 
 
 def _own_error(bench: Bench, runs: Sequence[Trial]) -> np.ndarray:
-    """Return the error of the finest run of a rule."""
+    """Return the (q,) error of the finest run of a rule.
+
+    Of a single run it is what the run itself estimates, if it is explicit, and else 100 %.
+    """
     finest = runs[-1]
     if len(runs) > 1:
         x = [size_of(trial.choice) for trial in runs]
         return curves.error_of_finest(bench.distance, runs, x, _theory(runs))
-    own = finest.row["time_error"] if finest.choice.is_explicit else 1.0
-    known = np.nan_to_num(own, nan=1.0)
-    return np.full(len(finest.records), max(known, LEAST_ERROR_OF_SINGLE_RUN))
+    estimate = finest.row["time_error"] if finest.choice.is_explicit else 1.0
+    error = np.nan_to_num(estimate, nan=1.0)
+    return np.full(len(finest.records), max(error, LEAST_ERROR_OF_SINGLE_RUN))
 
 
 def _theory(runs: Sequence[Trial]) -> float:

@@ -34,7 +34,7 @@ from fecloth.study.tuning.choices import (
 )
 from fecloth.study.tuning.corrections import measure_growth, time_candidates
 from fecloth.study.tuning.prediction import NOISE_OF_SECONDS, Goal, Prediction
-from fecloth.study.tuning.proof import Proof, answer, choose_yardstick, prove
+from fecloth.study.tuning.proof import Proof, choose_run, choose_yardstick, prove
 from fecloth.study.tuning.result import Tuned, summarise
 from fecloth.study.tuning.search import coarse_meshes, measure_meshes, obstacle_of
 from fecloth.study.tuning.space_errors import SpaceErrors
@@ -119,22 +119,23 @@ def tune(
             raise InputError("to_data and tolerance are given", "give one of them", "tune")
         tolerance = tolerance_of_data(study, quantity)
         _say(f"tolerance by the data: {100 * tolerance:.2g} %")
-    goal = _goal(tolerance, budget)
+    goal = _read_goal(tolerance, budget)
     quantities = opened.choose_quantities(quantity)
     warned = print_warnings(opened)
     bench = Bench(opened, quantities, runs)
-    names = methods_to_try(opened, methods)
+    method_names = methods_to_try(opened, methods)
     meshes = coarse_meshes(opened, elements)
-    bench, other, changed = _change_models(bench, meshes[0], goal, model)
-    coarse, space, prediction = _measure_errors(bench, meshes, names, goal)
+    bench, other, changed = _change_models(bench, meshes[0], goal, model=model)
+    coarse, space, prediction = _measure_errors(bench, meshes, method_names, goal)
     other |= _measure_solver(bench, coarse)
     prediction = replace(prediction, other=sum(float(part.max()) for part in other.values()))
-    why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
+    # why nothing can be proved; "" as long as a proof may succeed
+    why = obstacle_of(bench, space, prediction, goal, most_seconds=runs.most_seconds)
     if not why and bench.spent() < SEARCH_SECONDS:
         _say("seconds of the best settings: short runs")
         prediction = measure_growth(bench, prediction, goal)
         prediction = time_candidates(bench, prediction, goal)
-        why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
+        why = obstacle_of(bench, space, prediction, goal, most_seconds=runs.most_seconds)
     if not why:
         why = _why_too_late(bench, goal, prediction)
     proof = None
@@ -142,20 +143,24 @@ def tune(
         _say("proof: the best setting beside a finer one")
         proof = prove(bench, prediction, goal, other, space)
         why = proof.why if proof else "no setting that should meet it ran to its end"
+    # the whole error of the best run of the search
     left = space.error + prediction.error_in_time(space.reference) + prediction.other
     yardstick = choose_yardstick(bench, proof, space.reference, left)
     is_open = space.stalls(bench, goal.scale)
-    final = answer(bench, goal, prediction, yardstick, proof, why, is_open)
+    final = choose_run(bench, goal, prediction, yardstick, proof, why=why, is_open=is_open)
     took = bench.spent() - _seconds_of_verifying(proof, space)
-    return replace(summarise(bench, goal, final, took, changed, folder), doubts=warned)
+    tuned = summarise(bench, goal, final, took=took, dropped=changed, folder=folder)
+    return replace(tuned, doubts=warned)
 
 
 def _change_models(
     bench: Bench, mesh: Choice, goal: Goal, model: bool
 ) -> tuple[Bench, dict[str, np.ndarray], list[str]]:
-    """Leave out terms if `model` says so, and narrow the gaps of contact.
+    """Leave out terms if `model` says so, and narrow the gaps of contact if there is contact.
 
-    Returns the changed problem, the (q,) errors by these causes, and the changes in words.
+    `mesh` is the coarse mesh on which models are compared. Return the bench of the changed
+    problem; the errors (q,) of these changes by their cause, "model" and "gap"; and the changes
+    in words. Raise `InputError` if terms of a function are to be left out.
     """
     errors: dict[str, np.ndarray] = {}
     words: list[str] = []
@@ -175,8 +180,12 @@ def _measure_errors(
 ) -> tuple[Trial, SpaceErrors, Prediction]:
     """Measure the errors in time of all methods, and the errors in space of all meshes.
 
-    Where the steps make the meshes disagree, these are run again with half of dt. Returns the
-    coarse run with the steps that all meshes have at last, and the errors.
+    If the steps are why the meshes disagree, all meshes are run again with half of dt. Return
+    the run on the coarse mesh with the steps that all meshes had at last; the errors in space;
+    and the prediction from all errors.
+
+    Raise `InputError` for a quantity of size zero, and `StudyFailed` if no run on the coarse
+    mesh reaches its end.
     """
     _say("errors in time: all methods on a coarse mesh")
     times = measure_methods(bench, meshes[0], methods, goal.scale, SEARCH_SECONDS / 2)
@@ -213,7 +222,10 @@ def _seconds_of_verifying(proof: Proof | None, space: SpaceErrors) -> float:
 
 
 def _why_too_late(bench: Bench, goal: Goal, prediction: Prediction) -> str:
-    """Return that the time of the search is over before the best setting could run, or ""."""
+    """Return in words that the best setting would take longer than the time left to the search.
+
+    Return "" if there is enough time, or if there is no setting.
+    """
     candidates = goal.candidates(prediction)
     if not candidates:
         return ""
@@ -229,8 +241,12 @@ def _say(phase: str) -> None:
     print(f"tune: {phase}", file=sys.stderr, flush=True)
 
 
-def _goal(tolerance: float | str | None, budget: float | str | None) -> Goal:
-    """Return the goal by the arguments of `tune`; without both, 1 %."""
+def _read_goal(tolerance: float | str | None, budget: float | str | None) -> Goal:
+    """Return the goal from the arguments of `tune`; without both, a tolerance of 1 %.
+
+    Raise `InputError` if both are given, for a tolerance outside 0 to 100 %, and for a budget
+    that is no time > 0.
+    """
     if budget is None:
         return Goal(tolerance=read_tolerance(0.01 if tolerance is None else tolerance))
     if tolerance is not None:
@@ -254,20 +270,25 @@ def _coarse_choice(bench: Bench, mesh: Choice) -> Choice:
 def narrow_gaps(
     bench: Bench, mesh: Choice, tolerance: float
 ) -> tuple[Bench, np.ndarray, list[str]]:
-    """Return the problem with gaps whose error is a quarter of the tolerance, or less.
+    """Divide the gaps of contact until their error is at most a quarter of the tolerance.
 
-    Returns also the error (q,), and the change in words. The error is of first order in the gap:
-    halving the gaps shows half of it. Where a run fails the error is not known, and infinite.
+    They are divided by `NARROWEST_GAP` at most. Return the bench of the problem with the
+    narrower gaps; the relative error (q,) that their gaps leave; and the change in words, an
+    empty list for none.
+
+    The error is of first order in the gap, so that halving the gaps shows half of it. If one of
+    the two runs fails, the error is not known and counts as infinite.
     """
     choice = _coarse_choice(bench, mesh)
     opened = bench.opened
     halved = replace(bench, opened=opened.refined(Level(sharper=None, gap=2.0)))
-    runs = [*bench.run([choice]), *halved.run([choice])]
-    if not all(run.is_ok for run in runs):
+    (run,) = bench.run([choice])
+    (run_with_half,) = halved.run([choice])
+    if not (run.is_ok and run_with_half.is_ok):
         return bench.with_problem(opened), np.full(len(bench.quantities), math.inf), []
-    error = 2 * bench.distance(runs[1], runs[0])
-    needed = float(error.max()) / (COUNTING_SHARE * tolerance)
-    divisor = min(max(1.0, needed), NARROWEST_GAP)
+    error = 2 * bench.distance(run_with_half, run)
+    needed_divisor = float(error.max()) / (COUNTING_SHARE * tolerance)
+    divisor = min(max(1.0, needed_divisor), NARROWEST_GAP)
     if divisor == 1:
         return bench.with_problem(opened), error, []
     narrow = bench.with_problem(opened.refined(Level(sharper=None, gap=divisor)))
@@ -277,22 +298,28 @@ def narrow_gaps(
 def drop_terms(
     bench: Bench, choice: Choice, tolerance: float
 ) -> tuple[Bench, np.ndarray, list[str]]:
-    """Leave out terms, or replace them by cheaper ones, as long as their changes are small.
+    """Leave out terms, or replace them by cheaper ones, as long as the quantities change little.
 
-    Returns the reduced problem, (q,) its change of the quantities, and the names of the changes.
-    Membranes are not left out: in free fall they change nothing.
+    First each variant of a term is run alone. Variants that change the quantities by at most a
+    quarter of the tolerance and save seconds are then combined, the fastest first, as long as
+    the combination changes them by no more. Membranes are not left out: in free fall they change
+    nothing.
+
+    Return the bench of the reduced problem; the relative change (q,) of its quantities; and the
+    names of the variants it has. If the problem itself fails, nothing is left out. Raise
+    `InputError` for a function, whose terms cannot be changed.
     """
     if not isinstance(bench.opened, SceneProblem):
         remedy = "Write a scene file, or compare the models with compare."
         raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
     (full,) = bench.run([choice], timed=True)
-    total = np.zeros(len(bench.quantities))
-    taken: dict[str, Variant] = {}
+    change_of_all = np.zeros(len(bench.quantities))
+    taken: dict[str, Variant] = {}  # by the slot: at most one variant of each term
     if not full.is_ok:
-        return _with(bench, []), total, []
+        return _bench_with(bench, []), change_of_all, []
 
     def change_by(variants: Sequence[Variant]) -> tuple[np.ndarray, float] | None:
-        """Return the change by variants, if it is small, and the seconds with them."""
+        """Return the change (q,) by variants and the seconds with them; None if it is large."""
         trial = run_variants(bench, variants, choice)
         if trial is None or not trial.is_ok:
             return None
@@ -303,28 +330,36 @@ def drop_terms(
 
     cheaper = []
     for variant in _variants(bench.opened, choice.element):
-        alone = change_by([variant])
-        if alone and NOISE_OF_SECONDS * alone[1] < full.seconds:
-            cheaper.append((alone[1], variant))
+        result = change_by([variant])
+        if result is None:
+            continue
+        _, seconds = result
+        if NOISE_OF_SECONDS * seconds < full.seconds:
+            cheaper.append((seconds, variant))
     for _, variant in sorted(cheaper, key=itemgetter(0)):
         if variant.slot in taken:
             continue
-        if together := change_by([*taken.values(), variant]):
-            total = together[0]
+        result = change_by([*taken.values(), variant])
+        if result is not None:
+            change_of_all, _ = result
             taken[variant.slot] = variant
     names = [variant.name for variant in taken.values()]
-    return _with(bench, taken.values()), total, names
+    return _bench_with(bench, taken.values()), change_of_all, names
 
 
 def _variants(opened: SceneProblem, element: str) -> list[Variant]:
-    """Return the variants of all terms, except variants that leave out a membrane."""
+    """Return the variants of all terms, except variants that leave out a membrane.
+
+    `Springs` may be left out, although their kind is "membrane".
+    """
     traits = {type(term).__name__: traits_of(term) for term in opened.first.system.terms}
     membranes = {name for name, own in traits.items() if own.kind == "membrane"}
-    kept = membranes - {Springs.__name__}
+    membranes -= {Springs.__name__}
     variants = []
     for term in opened.tables.get("terms", []):
         for variant in variants_of_term(term, element, traits[term["type"]]):
-            if not (variant.kind == "without" and variant.by in kept):
+            leaves_out_membrane = variant.kind == "without" and variant.by in membranes
+            if not leaves_out_membrane:
                 variants.append(variant)
     return variants
 
@@ -332,11 +367,11 @@ def _variants(opened: SceneProblem, element: str) -> list[Variant]:
 def run_variants(bench: Bench, variants: Sequence[Variant], choice: Choice) -> Trial | None:
     """Run the problem with some variants; None if it is refused."""
     try:
-        return _with(bench, variants).run([choice], timed=True)[0]
+        return _bench_with(bench, variants).run([choice], timed=True)[0]
     except InputError:
         return None
 
 
-def _with(bench: Bench, variants: Iterable[Variant]) -> Bench:
+def _bench_with(bench: Bench, variants: Iterable[Variant]) -> Bench:
     """Return the bench with the problem that some variants change."""
     return bench.with_problem(bench.opened.changed(changes_of(variants)))
