@@ -67,7 +67,7 @@ def count_weights(noise: float) -> int:
 
 
 def test_weights_are_zero_where_triangles_are_images_up_to_round_off():
-    assert count_weights(3e-13) == count_weights(0.0) < count_weights(5e-12)
+    assert count_weights(1e-13) == count_weights(0.0) < count_weights(1e-12)
 
 
 def stack(count: int) -> int | None:

@@ -41,6 +41,5 @@ def test_a_result_is_figures_of_energies_and_probes(result):
 
 
 def test_repr_counts_the_warnings(result):
-    assert ", 1 warning>" in repr(
-        replace(result[1], doubts=(fc.Doubt(fc.DoubtKind.OTHER, "off by 1 J"),))
-    )
+    doubt = fc.Doubt(fc.DoubtKind.OTHER, "off by 1 J")
+    assert ", 1 warning>" in repr(replace(result[1], doubts=(doubt,)))
