@@ -72,10 +72,10 @@ class EnergyMomentum(StageMethod):
 
         With "auto" it is the symmetric tangent, or the exact one if Newton's iteration does not
         converge in `MOST_SYMMETRIC_ITERATIONS`, or if the solver takes matrices that are not
-        symmetric. Raises `NewtonFailed` if the exact tangent fails too.
+        symmetric. Newton's iteration has no estimate of the step's error, by which it might end
+        early: the balance of energy needs a small residual. Raises `NewtonFailed` if the exact
+        tangent fails too.
         """
-        # without the estimate of the step's error, Newton's iteration does not end early: the
-        # balance of energy needs a small residual
         solver = replace(solver, step_error=None)
         options = solver.options
         is_clamped = options.definiteness == "clamp"  # a clamped tangent is always symmetric

@@ -315,13 +315,16 @@ class Cloth:
 
     @cached_property
     def edge_slopes(self) -> EdgeSlopes:
-        """The slopes of the edges of each triangle; for P2, of its four `parts`."""
-        # `region` gets one number for each combination of named regions, such as "in a and in b
-        # but not in c". `np.unique` renumbers it from 0, so that it does not double each time.
+        """The slopes of the edges of each triangle; for P2, of its four `parts`.
+
+        Each combination of named regions, such as "in a and in b but not in c", is a region of
+        its own.
+        """
         region = np.zeros(len(self.triangles), int)
         for triangles in self.triangle_sets.values():
             is_inside = np.zeros(len(region), int)
             is_inside[triangles] = 1
+            # Numbered from 0 again, so that the numbers do not double with each named region.
             region = np.unique(2 * region + is_inside, return_inverse=True)[1]
         if self.element == "P1":
             return EdgeSlopes(HalfEdges(self.X, self.triangles, self.hinges), region)

@@ -168,8 +168,7 @@ def _cut_edges(tetrahedra: np.ndarray, d: np.ndarray) -> np.ndarray:
     The surface cuts each of the `tetrahedra` (p, 4) in a triangle if 1 or 3 of its corners are
     inside (d < 0), and in two triangles if 2 are. `d` has the distances of all nodes.
     """
-    # The numbers 0 … 3 of the corners, with 4 more for those outside: sorted, those inside come
-    # first, and the number modulo 4 is the corner.
+    # Corners have the numbers 0 … 3, and 4 more if they lie outside: sorted, the inner come first.
     sorted_corners = np.sort(np.where(d[tetrahedra] < 0, 0, 4) + np.arange(4), axis=1)
     inside_count = (sorted_corners < 4).sum(axis=1)
     nodes = np.take_along_axis(tetrahedra, sorted_corners % 4, axis=1)

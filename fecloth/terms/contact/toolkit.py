@@ -345,9 +345,10 @@ class ContactSets:
         It is 1 if nothing meets on all of the way. Otherwise it is `PART_OF_FREE_WAY` of the way
         to the first collision that the toolkit detects, which itself leaves some distance. x and
         y are (n, 3) [m].
+
+        Without a contact, `least_distance` is infinite, but it is only known that no parts are
+        nearer than the gap.
         """
-        # Without a contact, `least_distance` is infinite, but it is only known that no parts
-        # are nearer than the gap.
         room = min(self.least_distance(x) - self.thickness, self.gap)
         # Two parts come nearer by at most twice the longest way; a common motion of the cloth
         # changes no distance in it.
