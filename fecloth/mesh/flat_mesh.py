@@ -190,6 +190,7 @@ def _check_vertices(triangles, n, source):
     out_of_range = np.flatnonzero(((triangles < 0) | (triangles >= n)).any(axis=1))
     kind = "triangles with a vertex out of range"
     limit = f"vertices must be 0 to {n - 1}"
+    # raw: a vertex out of range has no number in the file, and is shown as it is
     source.check_no_triangles(out_of_range, triangles, kind, limit, raw=True)
     repeated = (
         (triangles[:, 0] == triangles[:, 1])

@@ -234,8 +234,9 @@ def _slope_of(value: Any, level: int) -> Any:
 def _with_duals(key: object, function: Callable[..., Any]) -> Callable[..., Any]:
     """Return a function like `function` that also takes arguments that are a `Dual`.
 
-    Its derivatives are those with the `key` in `_PARTIALS` or `_RULES_OF_CHOICES`. A function
-    that has none, such as floor or a comparison, is constant but for jumps: its derivative is 0.
+    Its derivatives have the `key` in `_RULES` (partial derivatives, compiled from the texts of
+    `_PARTIALS`) or in `_RULES_OF_CHOICES`. A function that has none, such as floor or a
+    comparison, is constant but for jumps: its derivative is 0.
     """
 
     def apply(*arguments: Any) -> Any:

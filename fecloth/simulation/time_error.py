@@ -308,6 +308,10 @@ class TimeError(Account):
         Where the error of a step is of a lower order than its drift, as with symplectic Euler,
         c dt |v| is added: such an error does not grow with time. There is no estimate for a
         method without these constants, before p steps, and for a cloth at rest.
+
+        The sum of errors is too large where errors cancel, and the error that `Transport` has
+        carried is too small where lost energy changes the mean motion: their geometric mean is
+        taken. A carried error far below the sum has missed waves, and does not count.
         """
         if (drift := drift_of(traits)) is None or self.unknown:
             return math.nan

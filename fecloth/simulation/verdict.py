@@ -101,8 +101,10 @@ def doubt_gain(balance: Balance) -> Doubt | None:
 def doubt_dissipation(run: Run, balance: Balance, ledger: Ledger) -> Doubt | None:
     """Return a doubt if the method has dissipated more than 20 % of the motion.
 
-    The motion is the balance's `scale` or, if that is more, all that was dissipated: a cloth
-    that loads keep in motion loses more than it ever has. A cloth that only flies has none.
+    The energy of the motion is the balance's `scale` or, if that is more, all that was
+    dissipated: a cloth that loads keep in motion loses more energy than it ever has. A cloth
+    that only flies as a rigid body has no such energy, and no doubt. There is none either where
+    a term reports neither energy nor work (`Ledger.silent`).
     """
     if ledger.silent or ledger.t <= balance.start:
         return None

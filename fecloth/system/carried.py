@@ -10,9 +10,9 @@ from fecloth.system.system import System
 # Rotations in a row that fit the rigid motion, and the angle [rad] of the last one: round-off.
 MOST_ROTATIONS = 20
 SMALLEST_ROTATION = 1e-12
-# Relative size of a singular value below which the held nodes do not tell a motion. Nodes on a
-# line do not tell the rotation about it.
-UNKNOWN_MOTION = 1e-6
+# Singular values of a fit that are smaller, over the largest, count as zero: the held nodes do
+# not determine this motion, as nodes on a line do not determine the rotation about it.
+LEAST_SINGULAR_VALUE = 1e-6
 # Times the longest way of a held node: the longest way of any other node. A longer one was not
 # meant, as where a short edge turns.
 LONGEST_CARRIED = 4.0
@@ -52,7 +52,7 @@ def carry_piece(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
     # large one it is repeated from where that led.
     for _ in range(MOST_ROTATIONS):
         centre = held.mean(axis=0)
-        u, omega = fit_motion(projectors, turns(held - centre), goal - held, UNKNOWN_MOTION)
+        u, omega = fit_motion(projectors, turns(held - centre), goal - held, LEAST_SINGULAR_VALUE)
         R = Rotation.from_rotvec(omega).as_matrix()
         held = centre + u + (held - centre) @ R.T
         nodes = centre + u + (nodes - centre) @ R.T
@@ -61,7 +61,7 @@ def carry_piece(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
     centre = held.mean(axis=0)
     # the affine motion that fits what is left: u + G (y − centre), with G (3, 3)
     stretches = np.einsum("ij,hk->hijk", np.eye(3), held - centre).reshape(len(held), 3, 9)
-    u, G = fit_motion(projectors, stretches, goal - held, UNKNOWN_MOTION)
+    u, G = fit_motion(projectors, stretches, goal - held, LEAST_SINGULAR_VALUE)
     nodes = nodes + u + (nodes - centre) @ G.reshape(3, 3).T
     # a node that goes much farther than the pins was not meant to: all move by their mean way
     if longest(nodes - start) > LONGEST_CARRIED * longest(way):

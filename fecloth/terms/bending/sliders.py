@@ -119,9 +119,10 @@ class Sliders:
 
 @kernel
 def fill_moments(moments, limit, weight, e, out):
-    """Fill out (m, 3) = weight ∂φ/∂κ = weight M z/max(s, s_y).
+    """Fill out (m, 3) = weight ∂φ/∂κ = weight M z/max(s, s_y), with z = M e and s = |z|.
 
-    `moments` (m, 3) and `limit` (m,), s_y, are as in `Sliders`, and e (m, 3) as its methods take.
+    φ is the energy of the sliders, and κ the curvature. `moments` (m, 3), M, and `limit` (m,),
+    s_y, are as in `Sliders`; e (m, 3) = (e₁₁, e₂₂, 2e₁₂) are differences of curvature [1/m].
     """
     for i in range(len(e)):
         M1, M2, M3 = moments[i, 0], moments[i, 1], moments[i, 2]

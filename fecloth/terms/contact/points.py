@@ -95,7 +95,9 @@ class TrianglePoints:
         return self.find_slots(self.stencil)
 
     def candidates(self, node_distances: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
-        """Return the points of triangles with a node nearer than `reach` + 2 × longest edge.
+        """Return the numbers of the points whose triangle has a node near the obstacle.
+
+        Near is a distance below `reach` + 2 × the longest edge of the triangle.
 
         So no point nearer than `reach` is missed (see `FARTHEST_OVER_EDGE`). `reach` [m] is one
         number, or (n,); `node_distances` (n,) are the distances of the nodes.

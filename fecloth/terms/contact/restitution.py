@@ -35,7 +35,11 @@ MOST_DAMPING = 20.0 / SLOWEST_IMPACT  # c [s/m]; y = c v₁ = 20 leaves 5 %
 def damping(restitution: float) -> float:
     """Return y = c v₁ with which an impact leaves the part e = `restitution` of the speed.
 
-    It solves the equation above; it is infinite for e = 0, and 0 for e = 1.
+    c [s/m] is the damping and v₁ the speed of the first touch; y solves
+
+        y − ln(1 + y) = −e y − ln(1 − e y)
+
+    and is infinite for e = 0, and 0 for e = 1.
     """
     e = restitution
     if e == 0.0:

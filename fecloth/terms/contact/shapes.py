@@ -376,7 +376,7 @@ class Disk(Shape):
         return outside + np.minimum(np.maximum(rim, face), 0.0)
 
     def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient n and Hessian of the distance d, which is √(rim² + face²) outside.
+        """Gradient n and Hessian of the distance d = √(rim² + face²) of points outside.
 
         rim and face say how far a point is beyond the rim and beyond a face; they count as 0
         where it is not. The surfaces of equal distance curve around the axis and, where both
