@@ -267,14 +267,3 @@ def least_stiffness(system: System, state: State) -> tuple[float, float]:
     except SolveFailed:
         return math.nan, 0.0
     return float(pairs.values[0]), pairs.zero
-
-
-def describe_instability(least: float, zero: float) -> str:
-    """A sentence if the least eigenvalue is negative, and not by round-off; or else ""."""
-    if not least < -zero:
-        return ""
-    return (
-        f"the equilibrium is unstable: the least eigenvalue of K is {least:.3g} N/m, so "
-        "that a cloth which is disturbed leaves it; bend the start a little, as the first mode "
-        "of `fecloth modes` does, to find a stable one"
-    )

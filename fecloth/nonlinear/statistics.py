@@ -68,17 +68,6 @@ class Counts:
         return replace(self, **sums, residual=other.residual, seconds=seconds)
 
 
-def warn_of_round_off(steps: int) -> str:
-    """A sentence about this number of steps that round-off limited; "" for none."""
-    if not steps:
-        return ""
-    many = f"{steps} steps were" if steps > 1 else "1 step was"
-    return (
-        f"{many} solved to round-off only, which is above Newton's tolerance: ask for a greater "
-        "tolerance, or take away what is stiff and small, such as slivers"
-    )
-
-
 def describe_newton_error(
     steps: int, estimated: int, newton_error: float, step_error: float
 ) -> str:

@@ -87,6 +87,8 @@ def march(
         Before the first step of a new march, of pins and obstacles whose motion jumps.
     """
     refuse_arguments(system, method, state, newton, most_stretch)
+    if memory is not None:
+        validation.instance("memory", memory, Memory, "info.memory of a step", "march")
     begin = memory or Memory(0, state.t, None)
     chosen = choose_steps(method, dt)
     targets = targets_after(chosen.end_times(begin.start, t_end, stops), state.t)

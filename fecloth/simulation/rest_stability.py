@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from fecloth.nonlinear.eigenpairs import describe_instability, least_stiffness
+from fecloth.nonlinear.eigenpairs import least_stiffness
 from fecloth.nonlinear.increments import describe_path, resist_disturbances
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
@@ -14,10 +14,16 @@ from fecloth.terms.records import remembered
 
 def doubt_stability(least: float, zero: float) -> list[Doubt]:
     """Return a doubt if the least eigenvalue of K [N/m] is below round-off, in a list."""
-    words = describe_instability(least, zero)
-    if words:
-        return [Doubt(DoubtKind.INSTABILITY, words)]
-    return []
+    if not least < -zero:
+        return []
+    words = (
+        f"the equilibrium is unstable: the least eigenvalue of K is {least:.3g} N/m, so that a "
+        "cloth which is disturbed leaves it"
+    )
+    remedy = (
+        "bend the start a little, as the first mode of `fecloth modes` does, to find a stable one"
+    )
+    return [Doubt(DoubtKind.INSTABILITY, words, remedy)]
 
 
 @remembered

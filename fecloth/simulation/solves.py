@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from fecloth.nonlinear.statistics import SUMMED, describe_newton_error, warn_of_round_off
+from fecloth.nonlinear.statistics import SUMMED, describe_newton_error
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.steps import StepInfo
@@ -36,10 +36,7 @@ class Solves(Account):
         return Solves(self.steps + info.number, sums)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "Solves":
-        words = warn_of_round_off(int(self.sums["limited"]))
-        if words:
-            return self.changed(doubt=Doubt(DoubtKind.ROUND_OFF, words))
-        return self
+        return self.changed(doubt=doubt_round_off(int(self.sums["limited"])))
 
     def doubts(self) -> list[Doubt]:
         if self.doubt:
@@ -56,3 +53,13 @@ class Solves(Account):
 
     def summary(self) -> dict[str, object]:
         return {"steps": self.steps, **self.sums, "newton_error_in_words": self.words()}
+
+
+def doubt_round_off(steps: int) -> Doubt | None:
+    """Return a doubt about this number of steps that round-off limited."""
+    if not steps:
+        return None
+    many = f"{steps} steps were" if steps > 1 else "1 step was"
+    words = f"{many} solved to round-off only, which is above Newton's tolerance"
+    remedy = "ask for a greater tolerance, or take away what is stiff and small, such as slivers"
+    return Doubt(DoubtKind.ROUND_OFF, words, remedy)

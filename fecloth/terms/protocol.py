@@ -443,7 +443,7 @@ def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
     missing_names = [name for name in required_names if _lacks(bound_term, name)]
     if missing_names:
         what = f"{call} gives {with_article(type(bound_term).__name__)}"
-        remedy = "help(fecloth.terms.protocol.BoundTerm) says what each is."
+        remedy = "help(fecloth.BoundTerm) says what each is."
         raise InputError(what, f"must have {', '.join(missing_names)}", "System", remedy)
     return bound_term
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Self
 
+from fecloth import validation
 from fecloth.terms.records import remembered
 
 
@@ -12,8 +13,8 @@ class DoubtKind(Enum):
     """What a `Doubt` is about, and whether it spoils a run as evidence.
 
     The value of a member is its name in summary.json. A study counts a run with a doubt whose
-    kind `spoils` as failed. The kinds from UNITS to GAIN are noticed before the first step, the
-    others in a run, at its end, or in an equilibrium.
+    kind `spoils` as failed. The kinds from UNITS to GAIN can be noticed before the first step;
+    all others, and DAMPING and GAIN too, in a run, at its end, or in an equilibrium.
 
     Attributes
     ----------
@@ -108,7 +109,8 @@ class Doubt:
     Attributes
     ----------
     kind
-        What it is about: a member of `DoubtKind`. A run reports each kind once.
+        What it is about: a member of `DoubtKind`. After the first step a run reports each kind
+        once.
     words
         What was noticed, with its numbers; a sentence without the full stop.
     remedy
@@ -116,9 +118,9 @@ class Doubt:
 
     Examples
     --------
-    >>> doubt = Doubt(DoubtKind.STEP, "dt = 2 s is longer than the run", "make dt shorter")
+    >>> doubt = Doubt(DoubtKind.MESH, "slivers limit explicit steps", "improve the mesh")
     >>> print(doubt)
-    dt = 2 s is longer than the run; make dt shorter
+    slivers limit explicit steps; improve the mesh
     >>> doubt.kind.spoils
     False
     """
@@ -126,6 +128,9 @@ class Doubt:
     kind: DoubtKind
     words: str
     remedy: str = ""
+
+    def __post_init__(self):
+        validation.instance("kind", self.kind, DoubtKind, "DoubtKind.OTHER", "Doubt")
 
     def __str__(self) -> str:
         if not self.remedy:

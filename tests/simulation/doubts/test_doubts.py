@@ -185,3 +185,14 @@ def test_the_forces_of_a_state_at_rest_leave_no_doubt():
     _, system, _, start = strip(0.25)
     assert fc.equilibrium(system, start).doubts == ()
     assert np.isfinite(fc.equilibrium(system, start).residual)
+
+
+def test_a_doubt_of_no_known_kind_is_refused():
+    with pytest.raises(fc.InputError, match=r"kind = 'units': must be such as DoubtKind\.OTHER"):
+        fc.Doubt("units", "words")
+
+
+def test_a_memory_of_another_kind_is_refused():
+    _, system, method, start = swinging(0.15, 0.01)
+    with pytest.raises(fc.InputError, match="memory = 3: must be such as info.memory"):
+        next(fc.march(system, method, start, 0.01, 0.1, memory=3))
