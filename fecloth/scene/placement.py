@@ -64,7 +64,7 @@ class Start(Table):
         return {"plane": "xy", **data}
 
     @model_validator(mode="after")
-    def _check_keys(self):
+    def _check_one_place(self):
         """Raise `InputError` for several places, or for a change of a frame's x or v."""
         require_exactly_one(self, "plane", "position", "frame")
         changed = [key for key in ("rotate", "shift", "velocity") if getattr(self, key)]

@@ -386,8 +386,8 @@ class System:
         `call` is the function of the terms that gave them, for the `InputError` about another
         object than a bound term.
         """
-        for name, term in zip(self.names, changed, strict=True):
-            protocol.check_derived(term, f"{name}.{call}")
+        for old, new in zip(self.bound, changed, strict=True):
+            protocol.check_derived(new, f"{old.name}.{call}")
         if all(new is old for new, old in zip(changed, self.bound, strict=True)):
             return self
         return self.with_bound(changed)

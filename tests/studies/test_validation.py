@@ -95,7 +95,7 @@ def test_a_budget_gives_its_parts():
     known |= {"input": 4.0, "start": 5.0}
     measured = {text: (90.0, 6.0)}
     asked = [parse_quantity(text)]
-    answer = make_budget(opened, asked, known, measured, [], np.zeros((0, 0)), single=True)
+    answer = make_budget(opened, asked, known, measured, [], np.zeros((0, 0)), is_single=True)
     (each,) = from_budget(answer, "folder", "strip", {text: "force"})
     expected = {**known, "scatter": 6.0, "predicted": known["value"], "measured": 90.0}
     assert {name: getattr(each, name) for name in (*PARTS, "predicted", "measured")} == {
