@@ -69,7 +69,7 @@ def _rows(listed: list[Any]) -> Iterator[dict[str, Any]]:
     """Yield the options of a list of the table of commands, each as a table.
 
     An item is the name of a group of options, the name of a shared option, or a table. A table
-    with the key `like` has the keys of that shared option, except for those that it replaces.
+    with the key `like` has all keys of that shared option, and may replace some of them.
     """
     for item in listed:
         if isinstance(item, dict) and "like" in item:

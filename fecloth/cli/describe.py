@@ -205,7 +205,7 @@ def _list_uncertainties(fabrics: Mapping[str, Fabric]) -> list[str]:
         deviations = dict(fabric.uncertainty.deviations)
         nu = f"{deviations.pop('poisson_ratio'):.2f}"  # a number; the others are in per cent
         percentages = [str(deviation).removesuffix(" %") for deviation in deviations.values()]
-        # The order is that of the constants; a fabric of unknown rigidity has none of bending.
+        # In the order of the constants; a fabric of unknown rigidity has none for bending.
         warp, weft, shear, *bending = percentages
         tensile = f"{warp} / {weft}"
         rigidity = " / ".join(bending[:2])

@@ -107,8 +107,8 @@ def _print_outcome(outcome: SceneResult, quiet: bool) -> int:
 def check(options: Namespace) -> int:
     """Run scenes in memory, and print for each expectation whether it is met.
 
-    Return 0 if all are met, else the status `errors.MISSED`. With --quiet only those that are
-    not met are printed. Raises `SceneError` for a scene without expectations.
+    Return 0 if all are met, else the status `errors.MISSED`. With --quiet only the
+    expectations that are not met are printed. Raises `SceneError` for a scene without expectations.
     """
     from fecloth.cli.progress import progress, terminal
 

@@ -131,7 +131,7 @@ class Worker:
     def ask(self, key, name: str, arguments: tuple) -> Any:
         """What the ability `name`, one of `ABILITIES`, of a term returns for the part.
 
-        Positions and velocities are those of the last `place`; `arguments` are the others. Rows
+        It takes the positions and velocities of the last `place`, and `arguments` after them. Rows
         of triangles are returned only for the triangles that count in this part.
         """
         ability = ABILITIES[name]

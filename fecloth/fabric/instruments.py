@@ -59,7 +59,7 @@ FAST_UNUSED = ["T2", "T100", "ST", "STR", "F", "RS", "HE"]
 def kes(fields: Mapping, load: float, tensile: str) -> dict:
     """Return constants of a fabric by name, in SI, from the fields of KES-F.
 
-    The arguments and the formulas are those of `Fabric.from_kes`. Raises `InputError` for a
+    The arguments and the formulas are as for `Fabric.from_kes`. Raises `InputError` for a
     field that is missing, unknown or not positive, for another `load` or `tensile` than allowed,
     and if LT and WT disagree.
     """
@@ -92,7 +92,7 @@ def kes(fields: Mapping, load: float, tensile: str) -> dict:
 def fast(fields: Mapping, load: int) -> dict:
     """Return constants of a fabric by name, in SI, from the fields of FAST.
 
-    The arguments are those of `Fabric.from_fast`. Raises `InputError` for a field that is
+    The arguments are as for `Fabric.from_fast`. Raises `InputError` for a field that is
     missing, unknown or not positive, and for another `load` than 5, 20 or 100 gf/cm.
 
     Shear: if the threads are stiff, a force F per width extends a strip cut at 45° by F/(4 G).

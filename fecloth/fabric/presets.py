@@ -59,7 +59,7 @@ def wang(density: float, stretching: list, bending: list, least: float = 0.0) ->
     density
         Areal density [kg/m²].
     stretching
-        Six rows of c₁₁, c₁₂, c₂₂, c₃₃ [N/m], of which the first is used, at zero strain.
+        Six rows of c₁₁, c₁₂, c₂₂, c₃₃ [N/m]. Only the first row is used, at zero strain.
     bending
         Rows k [µN m] of edges along u, at 45° and along v; the first column is used, at zero
         curvature. An edge along u resists a curvature along v, the warp.

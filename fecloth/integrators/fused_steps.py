@@ -269,7 +269,7 @@ class FusedSteps:
         )
 
     def _make_pauses(self, look: tuple[int, int], least: float, largest: float) -> Pauses:
-        """Return what the first thread does between steps; the parameters are those of `take`."""
+        """Return what the first thread does between steps, with the parameters of `take`."""
         phase, period = look
         return Pauses(
             before=self.before.address,

@@ -27,7 +27,7 @@ ENTRIES_OF_BLOCK = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]
 def aggregate(indptr: Array, indices: Array) -> Array:
     """Return the number of the aggregate of each node of a pattern, (n,) int32.
 
-    `indptr` and `indices` are those of `BlockPattern`. An aggregate is a node with all its
+    `indptr` and `indices` are as in `BlockPattern`. An aggregate is a node with all its
     neighbours. A node that is left over joins the aggregate of a neighbour.
     """
     n = len(indptr) - 1

@@ -1,6 +1,6 @@
 """The compiled loop of conjugate gradients, which threads share to the same bits.
 
-The names are those of Saad: r is the residual, z = M⁻¹ r, p the search direction, q = A p,
+The names are as in the book of Saad: r is the residual, z = M⁻¹ r, p the search direction, q = A p,
 α = rᵀz / pᵀq and β = (new rᵀz) / (old rᵀz).
 
 Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, algorithm 9.1

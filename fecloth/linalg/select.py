@@ -142,8 +142,8 @@ class AutoSolver:
     def _solve_work(self, mode: str, iterations: int) -> float:
         """Return the work of a solve, in iterations of `PCG`.
 
-        `iterations` are those of the solver; of a direct solver the refinements, each of which
-        costs a solve with the factor, about ∛n for n nodes.
+        `iterations` is the number of iterations of the solver. For a direct solver it is the
+        number of refinements; each costs a solve with the factor, about ∛n for n nodes.
         """
         if mode == "direct":
             work = (1 + iterations) * math.cbrt(self._nodes)

@@ -325,7 +325,7 @@ def _check_connected(a, b, triangles, source):
 
 
 def _index_set(name, values, n, where):
-    """Sorted unique indices of a set of nodes or triangles, of which there are n."""
+    """Sorted unique indices of a set of nodes or triangles; n is the number of all."""
     return np.unique(validated_indices(name, values, n, (), where))
 
 

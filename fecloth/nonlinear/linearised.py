@@ -123,9 +123,9 @@ def _correct_with(
 ) -> _Attempt:
     """Correct y by y ← y − J⁻¹ residual(y) with one matrix, while the corrections shrink.
 
-    `solve` is b ↦ J⁻¹ b. The contraction is the length of a correction over that of the one
-    before; it is `expected` until two corrections tell it. The other arguments are those of
-    `correct`.
+    `solve` is b ↦ J⁻¹ b. The contraction is the length of a correction over the length of the
+    correction before. Until there are two corrections it is `expected`. The other arguments
+    are as for `correct`.
     """
     size_before = math.inf
     fastest_contraction = SLOWEST_CONTRACTION

@@ -25,8 +25,8 @@ MOTION_AT_REST = 1e-6
 class Deformation(Account):
     """Kinetic energy of the deformation after a step [J]; its methods take the ledger there.
 
-    It is that of the motion relative to the rigid motion of each movable piece, of the free
-    directions: ½ w·M w with w = P (v − u − ω × r), see `Piece.rigid_velocity`.
+    It is the kinetic energy of the motion relative to the rigid motion of each movable piece,
+    in the free directions: ½ w·M w with w = P (v − u − ω × r), see `Piece.rigid_velocity`.
 
     Attributes
     ----------
