@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 from fecloth.errors import MeshError, did_you_mean
 
+# Characters of a file; a longer one would be read for minutes before anything is refused.
+MOST_CHARACTERS = 20_000_000
 LONGEST_TEXT = 200  # characters; names are shorter, and Gmsh cuts a text after 1023
 
 _ALLOWED = """
@@ -99,9 +101,11 @@ def _make_error(what: str, line: int, where: str, suggestion: str = "") -> MeshE
 def _read_tokens(text: str, where: str) -> Iterator[Token]:
     """Yield the tokens without spaces and comments; texts in single quotes get double quotes.
 
-    Raises `MeshError` for a control character, for a character that begins no token, and for a
+    Raises `MeshError` for a file of too many characters, for a control character, for a character that begins no token, and for a
     text that is too long or contains a word of `_LOOP_WORDS`.
     """
+    if len(text) > MOST_CHARACTERS:
+        raise MeshError(f"{len(text)} characters", f"must be at most {MOST_CHARACTERS}", where)
     if match := _CONTROL.search(text):
         line = text.count("\n", 0, match.start()) + 1
         raise _make_error(f"the control character {match[0][0]!r}", line, where)

@@ -14,7 +14,7 @@ import pytest
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.errors import InputError, MeshError
-from fecloth.mesh import gmsh_child
+from fecloth.mesh import geo_commands, gmsh_child
 from fecloth.mesh import read as reading
 from fecloth.mesh.geo_commands import check_geo
 from fecloth.mesh.read import read
@@ -387,3 +387,11 @@ def test_h_and_names_pass_through(folder):
     cloth = fc.Cloth.read(ROOT / "meshes" / "panel.geo", h=0.06)
     assert {"hem", "neck", "cuffs", "shoulders"} <= cloth.edge_sets.keys()
     assert "sheet" in cloth.triangle_sets
+
+
+def test_a_file_of_more_characters_than_allowed_is_refused(monkeypatch):
+    text = "Point(1) = {0, 0, 0};"
+    monkeypatch.setattr(geo_commands, "MOST_CHARACTERS", len(text))
+    check_geo(text, "a.geo")
+    with pytest.raises(MeshError, match="22 characters: must be at most 21"):
+        check_geo(text + " ", "a.geo")
