@@ -101,8 +101,9 @@ def _make_error(what: str, line: int, where: str, suggestion: str = "") -> MeshE
 def _read_tokens(text: str, where: str) -> Iterator[Token]:
     """Yield the tokens without spaces and comments; texts in single quotes get double quotes.
 
-    Raises `MeshError` for a file of too many characters, for a control character, for a character that begins no token, and for a
-    text that is too long or contains a word of `_LOOP_WORDS`.
+    Raises `MeshError` for a file of too many characters, for a control character, for a
+    character that begins no token, and for a text that is too long or contains a word of
+    `_LOOP_WORDS`.
     """
     if len(text) > MOST_CHARACTERS:
         raise MeshError(f"{len(text)} characters", f"must be at most {MOST_CHARACTERS}", where)
