@@ -87,8 +87,11 @@ def list_first_calls(problem: Setup) -> list[FirstCall]:
 
 
 def find_method(problem: Setup) -> Any:
-    """Return the method of the steps; of `Auto` the candidate whose kernels the others share."""
-    steps = problem.steps
+    """Return the method of the steps; of `Auto` the candidate whose kernels the others share.
+
+    An equilibrium without load steps is found in one load step.
+    """
+    steps = problem.steps or LoadSteps()
     if not isinstance(steps, Auto):
         return steps.method
     if any(term.needs_end for term in problem.system.bound):

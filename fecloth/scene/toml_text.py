@@ -109,6 +109,22 @@ def override(data: dict, overrides: Iterable[str]) -> dict:
     return data
 
 
+def with_values(data: dict, values: Mapping[str, Any]) -> dict:
+    """Return the tables with other values, by dotted keys as for `override`.
+
+    A text is read as after ``key=``, so that "5 ms" is a time and "true" is no text. Any other
+    value is taken as it is. None removes the key. The values are set in their order.
+    """
+    data = copy.deepcopy(data)
+    for key, value in values.items():
+        if isinstance(value, str):
+            keys, value = _parse_override(f"{key}={value}")
+        else:
+            keys = _parse_key(key, f"override {key!r}")
+        _set_value(data, keys, value, f"{key}={value}")
+    return data
+
+
 def flatten(data: object, key: str = "") -> dict[str, Any]:
     """Return the values of tables and lists by dotted keys: {"terms.0.type": "StVK", …}.
 
@@ -136,16 +152,21 @@ def _parse_override(text: str) -> tuple[list[str], object]:
     where = f"override {text!r}"
     if not (equals and key.strip() and value):
         raise SceneError("no key=value", 'write it like "time.dt=0.005"', where)
-    try:
-        keys = _keys(tomllib.loads(f"{key} = 0"))  # TOML's own rules for dotted keys
-    except (ValueError, RecursionError) as error:
-        raise SceneError(f"key {key!r} is not a dotted key ({error})", where=where) from None
+    keys = _parse_key(key, where)
     try:
         (value,) = tomllib.loads(f"value = {value}").values()
     except (ValueError, RecursionError) as error:
         if not (_WORD.fullmatch(value) or is_quantity(value)):
             raise SceneError(f"value {value!r} is not TOML ({error})", where=where) from None
     return keys, value
+
+
+def _parse_key(key: str, where: str) -> list[str]:
+    """Return the parts of a dotted key, by TOML's own rules; else raise `SceneError`."""
+    try:
+        return _keys(tomllib.loads(f"{key} = 0"))
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"key {key!r} is not a dotted key ({error})", where=where) from None
 
 
 def _keys(chain) -> list[str]:

@@ -16,24 +16,24 @@ from fecloth.output.atomic_files import replace_file
 from fecloth.study import status
 from fecloth.study.fingerprint import source_hash
 from fecloth.study.processes import run_in_processes, run_on_cluster
-from fecloth.study.workload import in_words
+from fecloth.study.work import ANYWAY, in_words
 
 LONGEST_CAUSE = 100  # characters of a cause in a progress line: one line of a wide terminal
 
 
 class Progress:
-    """Prints a line for each finished case.
+    """Prints a line for each finished case, with the time left by what the cases took.
 
     Parameters
     ----------
     costs
-        Predicted costs of the cases to run, in any unit.
+        Estimated costs of the cases to run, in any unit.
     stored
         Number of cases that an earlier run has finished.
     at_once
         Number of cases that run side by side.
-    in_seconds
-        Whether the costs are CPU seconds.
+    most_seconds
+        Time left after the first case above which the study stops [s]; None for no limit.
     quiet
         Whether nothing is printed.
     clock
@@ -45,59 +45,53 @@ class Progress:
         costs: Sequence[float],
         stored: int = 0,
         at_once: int = 1,
-        in_seconds: bool = False,
+        most_seconds: float | None = None,
         quiet: bool = False,
         clock: Callable[[], float] = time.perf_counter,
     ):
         self.count = len(costs)
         self.cost = sum(costs)
         self.at_once = at_once
+        self.most_seconds = most_seconds
         self.clock = clock
-        self.in_seconds = in_seconds
         self.quiet = quiet
         self.done = 0
-        self.spent = 0.0  # predicted cost of the finished cases
-        self.elapsed = 0.0
-        # the same for the first case of each process, which is slow: it imports and compiles
-        self.spent_on_first = 0.0
-        self.elapsed_in_first = 0.0
+        self.spent = 0.0  # estimated cost of the finished cases
+        self.seconds = 0.0  # what they took, without imports and machine code
         self.begin = clock()
         if stored and not quiet:
             print(f"cases already stored: {stored} of {stored + self.count}", file=sys.stderr)
 
-    def add(self, cost: float) -> None:
-        """Count a case that is finished."""
+    @property
+    def elapsed(self) -> float:
+        """Time by the clock since the begin [s]."""
+        return self.clock() - self.begin
+
+    def add(self, cost: float, seconds: float | None = None) -> None:
+        """Count a finished case of an estimated cost that took so many seconds.
+
+        Without the seconds, all cases together took the time by the clock.
+        """
         self.done += 1
         self.spent += cost
-        self.elapsed = self.clock() - self.begin
-        if self.done <= self.at_once:
-            self.spent_on_first = self.spent
-            self.elapsed_in_first = self.elapsed
+        if seconds is None:
+            self.seconds = self.at_once * self.elapsed
+        else:
+            self.seconds += seconds
 
     @property
     def seconds_left(self) -> float:
-        """Predicted time left [s].
-
-        It follows from the time that the finished cases took, without the first case of each
-        process. If there are only such first cases yet, it follows from the predicted costs.
-        """
-        cost_left = self.cost - self.spent
-        cost_after_first = self.spent - self.spent_on_first
-        if cost_after_first > 0:
-            seconds_after_first = self.elapsed - self.elapsed_in_first
-            return cost_left * seconds_after_first / cost_after_first
-        if self.in_seconds:
-            return cost_left / self.at_once
-        # the costs have no unit, so even the slow first cases are the best guess
-        return cost_left * self.elapsed_in_first / self.spent_on_first
+        """Time left [s]: what the finished cases took, in proportion to the costs left."""
+        return (self.cost - self.spent) * self.seconds / self.spent / self.at_once
 
     def print(self, words: str, result: dict, cost: float) -> None:
         """Count a finished case, and print a line that says which case it was and how it ended.
 
         `words` describe the case, `result` is its row with `status` and `cause`, and `cost` its
-        predicted cost. With `quiet` the case is counted, but nothing is printed.
+        estimated cost. With `quiet` the case is counted, but nothing is printed. Raise
+        `InputError` if the other cases will take longer than `most_seconds`.
         """
-        self.add(cost)
+        self.add(cost, result.get("case_seconds"))
         if self.quiet:
             return
         times = f"{self.elapsed:.0f} s"
@@ -105,6 +99,13 @@ class Progress:
             times += f", about {in_words(self.seconds_left)} left"
         line = f"[{self.done}/{self.count}, {times}] {words}: {_describe(result)}"
         print(line, file=sys.stderr, flush=True)
+        limit = math.inf if self.most_seconds is None else self.most_seconds
+        if self.done == 1 and self.seconds_left > limit:
+            what = (
+                f"after the first of {self.count} cases, about {in_words(self.seconds_left)} left"
+            )
+            allowed = f"must be at most {limit:,.0f} s"
+            raise InputError(what, allowed, remedy=f"Take fewer or smaller cases; {ANYWAY}")
 
 
 def _describe(result: dict) -> str:
@@ -206,6 +207,7 @@ def run_cases(
     fresh: bool = False,
     label: Callable[[Mapping], str] = describe_settings,
     costs: Sequence[float] | None = None,
+    most_seconds: float | None = None,
     quiet: bool = False,
 ) -> list[dict[str, object]]:
     """Run `function(**settings)` for the settings of each case; rows in the order of the cases.
@@ -236,7 +238,9 @@ def run_cases(
     label
         Function that describes the settings of a case in the progress lines.
     costs
-        Predicted CPU seconds of each case, for the predicted time left; equal by default.
+        Estimated cost of each case in any unit, for the time left; equal by default.
+    most_seconds
+        Time left after the first case above which the study stops [s]; None for no limit.
     quiet
         Print no progress lines.
     """
@@ -259,7 +263,7 @@ def run_cases(
         [cost_of[case.key] for case in missing],
         stored=len(results),
         at_once=at_once,
-        in_seconds=costs is not None,
+        most_seconds=most_seconds,
         quiet=quiet,
     )
     try:

@@ -1,72 +1,81 @@
-"""A user's function of h and dt that a study changes and refines."""
+"""A user's function as a source of set-ups: its arguments by name make a set-up."""
 
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
-from fecloth.errors import InputError
+from fecloth import terms as all_terms
+from fecloth.errors import InputError, did_you_mean, is_number
+from fecloth.fabric.fabric import Fabric
+from fecloth.integrators.protocol import method_of
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
+from fecloth.scene.toml_text import flatten
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
-from fecloth.study import setups
-from fecloth.study.change import REFINED, Change, Level
+from fecloth.simulation.resolve import choose_steps
+from fecloth.simulation.setup import Setup
+from fecloth.stability.critical_step import critical_dt
 from fecloth.study.fingerprint import load_function, source_hash
-from fecloth.study.problem import CommonProblem, quantities_of
-from fecloth.study.workload import CHOSEN_STEPS, ITERATIONS, LOAD_STEP, Workload
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms.traits import parameters_of, traits_of
 
+RETURNS = "must return cloth, system, method and start"
+SIZES = ("h", "dt")  # arguments that are no parameters; a function need not take them
+# Arguments that studies vary if the function takes them, beside its sizes.
+VARIED = ("method", "element", "pattern", "grading")
 # Functions that this process has imported, by file and name.
 known_functions: dict[tuple[str, str], Callable] = {}
 
 
 @dataclass(frozen=True, eq=False)
-class FunctionProblem(CommonProblem):
-    """A user's function of h and dt that returns cloth, system, method and start.
+class FunctionSource:
+    """A function of h, dt and other arguments that returns cloth, system, method and start.
 
     Attributes
     ----------
     function
         The function.
-    h
-        Edge length [m]; None if the function takes none.
-    dt
-        Fixed step [s]; None if the method chooses its steps.
+    arguments
+        Its arguments by name, with h and dt where the problem has them.
     t_end
         End of the run [s]; None for an equilibrium.
     placed
         The probes.
-    settings
-        Further arguments of the function.
     terms
         Terms in place of the function's own, as `describe_term` describes them, or None.
-    sharper
-        Divides the tolerance of the solver; None leaves it as it is.
-    rtol
-        Tolerance of steps that the function's method chooses: not known, 0.
-    interest
-        Quantities of interest, which a function does not have.
     """
 
     function: Callable
-    h: float | None
-    dt: float | None
-    t_end: float | None
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    t_end: float | None = None
     placed: tuple[Probe, ...] = ()
-    settings: Mapping[str, object] = field(default_factory=dict)
     terms: list[dict] | None = None
-    sharper: float | None = None
-    rtol: ClassVar[float] = 0.0
-    interest: ClassVar[tuple[Quantity, ...]] = ()
+
+    kind: ClassVar[str] = "function"
+    interest: ClassVar[tuple[Quantity, ...]] = ()  # a function names no quantities
+    is_nested: ClassVar[bool] = True  # the meshes of a function are taken as nested
+    fabrics: ClassVar[Mapping[str, Fabric]] = {}  # which are not known by name
 
     @property
-    def name(self) -> str:  # type: ignore[override]  # read only
+    def name(self) -> str:
+        """The name of the function."""
         return getattr(self.function, "__name__", "problem")
 
-    source = name
+    where = name
+
+    @property
+    def keys(self) -> dict[str, str]:
+        """The key of each value that studies vary: an argument, or "terms"."""
+        taken = inspect.signature(self.function).parameters
+        names = (*SIZES, *(name for name in VARIED if name in taken))
+        return {name: name for name in (*names, "terms")}
 
     @property
     def probes(self) -> tuple[str, ...]:
@@ -74,149 +83,163 @@ class FunctionProblem(CommonProblem):
         return tuple(probe.name for probe in self.placed)
 
     @property
-    def span(self) -> float | None:  # type: ignore[override]  # read only
+    def span(self) -> float | None:
         """Length of the run [s]; None for an equilibrium."""
         return self.t_end
 
-    @cached_property
-    def first(self) -> setups.Setup:  # type: ignore[override]  # computed when it is needed
-        """The setup of the first level."""
-        return self.setup()
+    @property
+    def has_stable_steps(self) -> bool:
+        """Whether the steps follow from the limit of an explicit method."""
+        return self.is_explicit and self.first.steps.dt is None
 
     @property
-    def quantities(self) -> tuple[Quantity, ...]:  # type: ignore[override]  # read only
-        """The paths of the probes, their ends in an equilibrium, or displacement."""
-        return quantities_of(self.probes, static=self.t_end is None)
+    def is_explicit(self) -> bool:
+        """Whether the steps solve no equations."""
+        return not self.first.is_static and self.first.steps.traits.explicit
 
-    def ratio(self, refine: str) -> float:
-        """Return the usual ratio of two levels: a function's meshes are taken as nested."""
-        return 2.0
+    @property
+    def method(self) -> str:
+        """The argument `method`, else the name of the method's class; "" of an equilibrium."""
+        if isinstance(self.arguments.get("method"), str):
+            return self.arguments["method"]
+        return "" if self.first.is_static else type(method_of(self.first.steps)).__name__
 
-    def workload(self, level: Level) -> Workload:
-        """Predict the size of a level from the first one, whose mesh is made for it.
-
-        The number of steps is a guess where an equilibrium or the method chooses it.
-        """
-        triangles = len(self.first.cloth.triangles) * level.h**2
-        if self.is_static:
-            return Workload(triangles, LOAD_STEP, unit=ITERATIONS)
-        dt = self.first.steps.dt
-        if dt is None:
-            return Workload(triangles, CHOSEN_STEPS * level.h, self.is_explicit)
-        assert self.first.t_end is not None
-        steps = math.ceil((self.first.t_end - self.first.start.t) / dt * level.dt)
-        return Workload(triangles, steps, self.is_explicit)
-
-    def check(self, refine: str) -> None:
-        """Raise `InputError` if there is no h or dt to refine, or a step of an equilibrium."""
-        if refine not in REFINED:  # `make_levels` refuses it
-            return
-        needed_sizes = [refine]
-        if refine == "both":
-            needed_sizes = ["h", "dt"]
-        for size in needed_sizes:
-            if not self.can_refine(size):
-                allowed = f"refine = {refine!r} needs the {size} of the first level"
-                raise InputError(f"{size} is missing", allowed, self.name, f"Give {size}=….")
-        if self.t_end is None and refine != "h":
-            raise InputError("t_end is missing", "an equilibrium has no dt", self.name)
+    @cached_property
+    def first(self) -> Setup:
+        """The set-up, which is made once."""
+        return self.setup()
 
     @cached_property
     def tables(self) -> dict:
-        """What edits can change, in the form of a scene's tables.
-
-        An edit is written for scenes; so that it works here, too, the tables have element, h,
-        terms, dt and t_end, and otherwise what an edit may ask for.
-        """
+        """What studies look at, in the form of a scene's tables: cloth, terms, time."""
         first = self.first
         cloth: dict = {"element": first.cloth.element}
-        if self.h is not None:
-            cloth["h"] = self.h
-        terms = [setups.describe_term(term, i) for i, term in enumerate(first.system.terms)]
-        tables = {"cloth": cloth, "terms": terms, "output": {}}
+        if self.arguments.get("h") is not None:
+            cloth["h"] = self.arguments["h"]
+        terms = self.terms
+        if terms is None:
+            terms = [describe_term(term, i) for i, term in enumerate(first.system.terms)]
+        tables: dict[str, Any] = {"cloth": cloth, "terms": terms}
         if first.is_static:
-            return tables | {"equilibrium": {}}
-        if self.dt is None:  # the method chooses its steps
-            return tables | {"time": {"dt": "auto", "method": "auto"}}
-        return tables | {"time": {"dt": self.dt, "t_end": self.t_end, "method": "auto"}}
+            steps = first.steps.load_steps if isinstance(first.steps, LoadSteps) else 1
+            return tables | {"equilibrium": {"load_steps": steps}}
+        dt = self.arguments.get("dt") or "auto"
+        return tables | {"time": {"dt": dt, "t_end": self.t_end}}
 
-    def changed(self, change: Change) -> "FunctionProblem":
-        """Return the problem with a change: other arguments, or other terms, h and dt.
+    def changed(self, values: Mapping[str, Any], name: str = "") -> "FunctionSource":
+        """Return the source with other arguments, or other terms.
 
-        Raise `InputError` for an argument that the function does not take.
+        The items of lists and tables have keys with dots, as "stiffness.0" and "terms.1.gap".
+        `name` is not used: the errors of a function name its argument. Raise `InputError` for an
+        argument that the function does not take.
         """
-        settings = dict(change.values)
-        changed: dict[str, Any] = {}
-        for size in ("h", "dt"):
-            if size in settings:
-                changed[size] = settings.pop(size)
-        setups.accepted(self.function, settings)  # raises for an argument it does not take
-        if change.edits:
-            # the values are arguments of the function, not keys of the tables
-            tables = replace(change, values={}).apply(self.tables)
-            changed["h"] = tables["cloth"].get("h")
-            changed["terms"] = tables["terms"]
-            if self.dt is not None:
-                changed["dt"] = tables["time"]["dt"]
-        return replace(self, settings={**self.settings, **settings}, **changed)
+        arguments = dict(self.arguments)
+        terms = self.terms
+        own_terms = "terms" in inspect.signature(self.function).parameters
+        for key, value in values.items():
+            first, *items = key.split(".")
+            if first == "terms" and not own_terms:
+                terms = with_item(terms or self.tables["terms"], items, value)
+            else:
+                old = arguments.get(first, self._defaults.get(first))
+                arguments[first] = with_item(old, items, value)
+        changed = {key: value for key, value in arguments.items() if key not in SIZES}
+        accepted(self.function, changed)  # refuses what the function does not take
+        return replace(self, arguments=arguments, terms=terms)
 
-    def refined(self, level: Level) -> "FunctionProblem":
-        """Return a level of the problem; a refined dt divides the run into equal steps.
+    @property
+    def _defaults(self) -> dict[str, object]:
+        """The defaults of the arguments."""
+        parameters = inspect.signature(self.function).parameters
+        return {name: parameter.default for name, parameter in parameters.items()}
 
-        The level divides h, dt and the tolerance of the solver; its edits change the terms.
+    def values_of(self, choice: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values by key of a choice by the names of `keys`.
+
+        Raise `InputError` for what the function has no argument for.
         """
-        h = self.h and self.h / level.h
-        dt = self.dt
+        for name, value in choice.items():
+            if name not in self.keys:
+                what = f"{name} = {value!r}"
+                raise InputError(what, f"needs a function with the argument {name}", self.name)
+        return dict(choice)
+
+    def setup(self, cloth: Cloth | None = None) -> Setup:
+        """Call the function with the arguments that it takes, and return its set-up.
+
+        dt is reduced so that it divides the run into equal steps. `cloth` is not used, because
+        the function makes its own. Raise `InputError` if the function does not return cloth,
+        system, method and start, or does not take an argument.
+        """
+        arguments = dict(self.arguments)
+        dt = arguments.get("dt")
         if dt is not None and self.t_end is not None:
-            steps = math.ceil(self.t_end / dt - 1e-9)  # 1e-9 against round-off of the quotient
-            dt = self.t_end / round(steps * level.dt)
-        finer = replace(self, h=h, dt=dt, sharper=level.sharper)
-        if level.edits:
-            return finer.changed(Change(edits=level.edits))
-        return finer
-
-    def graded(self, gradings: Sequence[Grading]) -> "FunctionProblem":
-        """Return the problem with the argument `grading`, as JSON's types."""
-        if "grading" not in inspect.signature(self.function).parameters:
-            remedy = "Pass it on, as in fc.Cloth.rectangle(1.0, 1.0, h, grading=grading)."
-            needed = "needs a function with the argument grading"
-            raise InputError("grade = True", needed, self.name, remedy)
-        tables = [setups.table_of_grading(grading) for grading in gradings]
-        return self.changed(Change(values={"grading": tables}))
-
-    def arguments(self) -> tuple[dict[str, object], float | None]:
-        """Return the arguments of the function, and the step dt [s].
-
-        dt is reduced so that it divides the run into equal steps; it is None without fixed
-        steps. h and dt are also among the arguments, if there are any.
-        """
-        settings = dict(self.settings)
-        dt = self.dt
-        if self.h is not None:
-            settings["h"] = self.h
-        if dt is not None:
-            if self.t_end is not None:
-                dt = self.t_end / math.ceil(self.t_end / dt - 1e-9)
-            settings["dt"] = dt
-        return settings, dt
-
-    def setup(self, cloth: Cloth | None = None) -> setups.Setup:
-        """Call the function and return its setup, with other terms if the problem has them.
-
-        `cloth` is not used, because the function makes its own; scenes use it.
-        """
-        settings, dt = self.arguments()
-        setup = setups.setup_of_function(
-            self.function,
-            settings,
-            dt=dt,
-            t_end=self.t_end,
-            probes=self.placed,
-            sharper=self.sharper,
-        )
+            dt = self.t_end / math.ceil(self.t_end / dt - 1e-9)  # 1e-9 is round-off
+            arguments["dt"] = dt
+        if "grading" in arguments:  # the tables of gradings, as a case has them
+            arguments["grading"] = [Grading(**entry) for entry in arguments["grading"]]
+        returned = self.function(**accepted(self.function, arguments))
+        if not (isinstance(returned, tuple | list) and len(returned) == 4):
+            raise InputError(f"the function {self.name}", RETURNS, "problem")
+        _, system, method, start = returned
+        if not (isinstance(system, System) and isinstance(start, State)):
+            raise InputError(f"the function {self.name}", RETURNS, "problem")
+        setup = Setup(system=system, start=start, probes=self.placed)
+        load_steps = max((term.load_steps for term in system.bound), default=1)
+        if self.t_end is not None:
+            fixed_dt = None if method.traits.chooses_dt else dt
+            setup = replace(setup, t_end=self.t_end, steps=choose_steps(method, fixed_dt, {}))
+        elif load_steps > 1:  # a term says that the equilibrium depends on how the loads grow
+            setup = replace(setup, t_end=1.0, steps=LoadSteps(load_steps))  # 1: all of the loads
         if self.terms is None:
             return setup
-        return setups.with_terms(setup, self.terms)
+        return with_terms(setup, self.terms)
+
+    def mesh(self) -> Cloth:
+        """Return the cloth alone."""
+        return self.first.cloth
+
+    def numbers(self) -> Iterator[tuple[str, float]]:
+        """Yield the name and the value of each number that may be a parameter: not h and dt.
+
+        Whole numbers are among them, because a user may write 2 for 2.0.
+        """
+        for name, value in flatten(self._all_arguments).items():
+            if isinstance(value, float | int) and is_number(value):
+                yield name, float(value)
+
+    @property
+    def _all_arguments(self) -> dict[str, object]:
+        """The arguments without h and dt, given or by default."""
+        arguments = self._defaults | dict(self.arguments)
+        return {name: value for name, value in arguments.items() if name not in SIZES}
+
+    def is_usual_parameter(self, name: str) -> bool:
+        """Whether a number is a parameter if none is named: a whole number may count something."""
+        return isinstance(flatten(self._all_arguments)[name], float)
+
+    def refuse_parameter(self, name: str) -> None:
+        """Raise `InputError` for h and dt."""
+        if name in SIZES:
+            remedy = "study.converge says what the error of h and dt is."
+            what = f"parameter {name!r}"
+            raise InputError(what, "changes the mesh or the steps", "sensitivity", remedy)
+
+    def refuse_refining(self, size: str) -> None:
+        """Raise `InputError` that says that there is no h, or no dt, to refine."""
+        if size == "dt" and self.t_end is None:
+            raise InputError("t_end is missing", "an equilibrium has no dt", self.name)
+        allowed = f"refine = {size!r} needs the {size} of the first level"
+        raise InputError(f"{size} is missing", allowed, self.name, f"Give {size}=….")
+
+    def text(self) -> str:
+        """Return terms, their strains, h and dt as lines."""
+        terms = self.tables["terms"]
+        lines = [f"terms: {', '.join(term['type'] for term in terms) or 'none'}"]
+        lines += [f"strain of {t['type']}: {t['strain']}" for t in terms if "strain" in t]
+        sizes = [(name, self.arguments.get(name)) for name in SIZES]
+        lines += [f"{name} = {size:g}" for name, size in sizes if size is not None]
+        return "\n".join(lines) + "\n"
 
     @property
     def is_importable(self) -> bool:
@@ -227,48 +250,140 @@ class FunctionProblem(CommonProblem):
     def case(self) -> dict[str, object]:
         """Return all that determines a run, as JSON values.
 
-        It is the key of the stored results, and `of_case` makes the problem from it again. The
-        function is also put into `known_functions`.
+        The function is also put into `known_functions`, so that `of_case` in this process need
+        not import the file again.
         """
         file = _find_file(self.function) or ""
-        name = self.function.__name__
-        # so that `of_case` in this process need not import the file again
-        known_functions[file, name] = self.function
-        settings, dt = self.arguments()
+        known_functions[file, self.function.__name__] = self.function
         probes = []
         for probe in self.placed:
             point = list(probe.point) if probe.point else None
             probes.append([probe.name, probe.where, point])
         return {
             "path": file,
-            "name": name,
+            "name": self.function.__name__,
             "digest": source_hash(file) if file else "",
-            "settings": settings,
-            "dt": dt,
+            "arguments": dict(self.arguments),
             "t_end": self.t_end,
             "probes": probes,
             "terms": self.terms,
-            "sharper": self.sharper,
         }
 
     @classmethod
     def of_case(
-        cls, path: str, name: str, digest: str, probes: list, settings: dict, **more: Any
-    ) -> "FunctionProblem":
-        """Return the problem of a case, as `case` has written it.
+        cls, path: str, name: str, digest: str, probes: list, **more: Any
+    ) -> "FunctionSource":
+        """Return the source of a case, as `case` has written it.
 
         `digest` is not used here: it is in the case so that an edited file makes another case.
         The function comes from this process or, if it is not known here, from its file.
         """
         function = known_functions.get((path, name)) or load_function(path, name)
         placed = tuple(Probe(probe_name, where, point) for probe_name, where, point in probes)
-        return cls(function, None, placed=placed, settings=settings, **more)
+        return cls(function, placed=placed, **more)
 
-    def cloth_for(self, quantity: Quantity) -> Cloth | None:
-        """Return the cloth that a field needs; None for other quantities."""
-        if quantity.is_field:
-            return self.first.cloth
-        return None
+    def count_triangles(self) -> float:
+        """Return the number of triangles, for which the mesh is made."""
+        return len(self.first.cloth.triangles)
+
+    def count_stable_steps(self, triangles: float) -> float:
+        """Return the number of steps at the stability limit of the first mesh."""
+        first = self.first
+        assert self.t_end is not None
+        limit = critical_dt(first.system, first.start, method_of(first.steps))
+        return math.ceil((self.t_end - first.start.t) / limit)
+
+
+def with_item(old: Any, keys: Sequence[str], value: object) -> Any:
+    """Return `old` with a value in place of one item, which may be nested.
+
+    The keys lead to the item: each is the key of a mapping, or the number of an item of a list
+    or tuple. Without keys the value takes the place of `old`. `old` itself is not changed.
+    """
+    if not keys:
+        return value
+    first, *others = keys
+    if isinstance(old, Mapping):
+        return {**old, first: with_item(old[first], others, value)}
+    items = list(old)
+    items[int(first)] = with_item(items[int(first)], others, value)
+    return tuple(items) if isinstance(old, tuple) else items
+
+
+def accepted(function: Callable, arguments: Mapping[str, object]) -> dict[str, object]:
+    """Return the arguments that a function takes; it need not take h and dt.
+
+    Raises `InputError` for any other argument that it does not take.
+    """
+    parameters = inspect.signature(function).parameters
+    kinds = [parameter.kind for parameter in parameters.values()]
+    if inspect.Parameter.VAR_KEYWORD in kinds:  # **arguments takes any
+        return dict(arguments)
+    unknown = sorted(set(arguments) - set(parameters) - set(SIZES))
+    if unknown:
+        name = unknown[0]
+        allowed = f"the function takes {', '.join(parameters) or 'nothing'}"
+        remedy = did_you_mean(name, parameters)
+        raise InputError(f"{name} = {arguments[name]!r}", allowed, "problem", remedy)
+    return {key: value for key, value in arguments.items() if key in parameters}
+
+
+def table_of_grading(grading: Grading) -> dict[str, object]:
+    """Return a grading as a table of [[cloth.grading]], in JSON's types."""
+    table = {key: value for key, value in asdict(grading).items() if value is not None}
+    if "point" in table:
+        table["point"] = list(table["point"])
+    return table
+
+
+def describe_term(term: Any, number: int) -> dict:
+    """Return a term as a table, which a study may change and `with_terms` reads again.
+
+    `number` is the place of the term in the system, from 0. The table has only what studies
+    change or look at: the type, the strain measure, the gap, the friction, and whether a rest
+    shape is given.
+    """
+    table: dict = {"type": type(term).__name__, "number": number}
+    parameters = parameters_of(term)
+    if isinstance(parameters.get("strain"), str):
+        table["strain"] = term.strain
+    if "gap" in parameters:
+        table["gap"] = term.gap
+    if "rest" in parameters:
+        table["rest"] = term.rest if isinstance(term.rest, str) else "given"
+    return table
+
+
+def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
+    """Return the setup with the terms of these tables in place of its own.
+
+    If there is no term with which clamped pins can hold the normals of the cloth, no pin clamps.
+    """
+    system: Any = setup.system
+    new_terms = tuple(_make_term(term, system.terms) for term in terms)
+    pins = system.pins
+    if not any(traits_of(term).holds_normals for term in new_terms):
+        pins = tuple(replace(p, clamp=False) if getattr(p, "clamp", False) else p for p in pins)
+    return replace(setup, system=system.replace(terms=new_terms, pins=pins))
+
+
+def _make_term(table: Mapping, own_terms: Sequence) -> Any:
+    """Return the term of a table that `describe_term` made, and a study may have changed.
+
+    It is the term of the system with the number in the table, with the strain measure and the
+    gap of the table. A table without a number is of another term, with its defaults.
+    """
+    if "number" not in table:
+        return getattr(all_terms, table["type"])()
+    term = own_terms[table["number"]]
+    parameters = parameters_of(term)
+    changed = {}
+    for key in ("strain", "gap"):
+        if table.get(key) != parameters.get(key) and key in parameters:
+            changed[key] = table.get(key)
+    if changed:
+        return replace(term, **changed)
+    return term
 
 
 def _find_file(function: Callable) -> str | None:

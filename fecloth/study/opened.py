@@ -10,9 +10,9 @@ from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import LENGTH, TIME
 from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
-from fecloth.study.problems import Problem, open_problem
-from fecloth.study.run_problems import Runs
-from fecloth.study.workload import LONGEST
+from fecloth.study.problem import StudyProblem
+from fecloth.study.runs import Runs
+from fecloth.study.work import LONGEST
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,7 +29,7 @@ class Opened:
         Whether each study chooses the longest time of a case, because none was given.
     """
 
-    problems: tuple[Problem, ...]
+    problems: tuple[StudyProblem, ...]
     given: Runs
     takes_usual_limit: bool
 
@@ -75,7 +75,8 @@ class Opened:
             Longest CPU time of a case [s]; None for any. By default 60 s in `chart`, 120 s in
             `stability`, and any time in the others.
         most_seconds
-            Predicted time [s] above which nothing is run, or `tune` skips a run; None for any.
+            Time [s] above which a study does not start, by its order of magnitude, or stops
+            after its first case, by what that took; None for any.
         fresh
             Whether each case is run, even if its result is stored.
         settings
@@ -118,13 +119,12 @@ class Opened:
             fresh=fresh,
         )
         problems = [
-            open_problem(source, h=h, dt=dt, t_end=t_end, probes=probes, settings=settings)
-            for source in sources
+            StudyProblem.of(source, h, dt, t_end, probes, arguments=settings) for source in sources
         ]
         return cls(tuple(problems), given, takes_usual_limit=time_limit == "auto")
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> StudyProblem:
         """The only problem; several are an `InputError`."""
         if len(self.problems) > 1:
             what = f"{len(self.problems)} problems"

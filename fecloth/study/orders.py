@@ -1,121 +1,15 @@
-"""What scenes and users' functions have in common as problems, and what bounds their orders."""
+"""The usual quantities of a problem, their theoretical orders, and what limits these."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
-from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.setup import Setup
 from fecloth.terms import PointForce
 from fecloth.terms.kinematics import principal_stretches
 from fecloth.terms.traits import has_kind, traits_of
-
-Asked = str | Callable[..., float] | Quantity
-
-
-class CommonProblem:
-    """What both kinds of problems have in common.
-
-    Attributes
-    ----------
-    name
-        Name of the problem.
-    source
-        What errors name: the file of a scene, or the function.
-    h
-        Edge length of the first level [m]; None where there is none to refine.
-    dt
-        Fixed step of the first level [s]; None where there is none.
-    span
-        Length of the run [s]; None for an equilibrium.
-    first
-        The setup of the first level.
-    quantities
-        The quantities that are studied if none is asked for.
-    """
-
-    name: str
-    source: str
-    h: float | None
-    dt: float | None
-    span: float | None
-    first: Setup
-    quantities: tuple[Quantity, ...]
-
-    @property
-    def is_static(self) -> bool:
-        """Whether it has no steps in time."""
-        return self.first.is_static
-
-    @property
-    def is_explicit(self) -> bool:
-        """Whether its steps solve no equations."""
-        return not self.is_static and self.first.steps.traits.explicit
-
-    def can_refine(self, what: str) -> bool:
-        """Whether there is an h, or a fixed dt; `what` is "h" or "dt"."""
-        size = self.h if what == "h" else self.dt
-        return size is not None
-
-    def refuse_methods(self, methods: Sequence[str] | None, study: str) -> None:
-        """Raise `InputError` for methods of an equilibrium."""
-        if methods and self.span is None:
-            allowed = "an equilibrium has no method"
-            raise InputError(f"methods = {methods!r}", allowed, study, "Leave the methods out.")
-
-    @cached_property
-    def has_contact(self) -> bool:
-        """Whether a term has a gap."""
-        return has_kind(self.first.system.terms, "contact")
-
-    @cached_property
-    def doubts(self) -> tuple[Doubt, ...]:
-        """Likely mistakes in the set-up, as before a run."""
-        return tuple(self.first.doubts())
-
-    def orders(self, quantity: Quantity) -> tuple[float, float]:
-        """Return the theoretical orders in h and in dt."""
-        time_order = 1.0
-        if not self.is_static:
-            time_order = float(self.first.steps.traits.order or 1)
-        return space_order(quantity, self.first), time_order
-
-    def choose_quantities(self, asked: Asked | Sequence[Asked] | None) -> tuple[Quantity, ...]:
-        """Return the quantities that are asked for, or the problem's own if `asked` is None.
-
-        Raise `InputError` for a quantity that the run does not have, and for natural frequencies
-        beside other quantities of a run in time.
-        """
-        quantities_to_read: Any = asked
-        if asked is None:
-            quantities_to_read = self.quantities
-        elif isinstance(asked, str) or not isinstance(asked, Sequence):
-            quantities_to_read = [asked]
-        quantities = tuple(map(parse_quantity, quantities_to_read))
-        for quantity in quantities:
-            self.check_quantity(quantity)
-        are_modes = {quantity.how == "mode" for quantity in quantities}
-        # modes of a problem in time are modes about its start, for which nothing runs
-        if len(are_modes) > 1 and not self.is_static:
-            allowed = "needs a study of its own: a scene in time is not run for its modes"
-            raise InputError("frequency(k) beside other quantities", allowed, self.source)
-        return quantities
-
-    def choose_quantity(self, asked: Asked | None) -> Quantity:
-        """Return the quantity that is asked for, or the first of the problem's own."""
-        if asked is None:
-            return self.choose_quantities(self.quantities[:1])[0]
-        return self.choose_quantities(asked)[0]
-
-    def check_quantity(self, quantity: Quantity) -> None:
-        """Raise `InputError` for a quantity that the run does not have."""
-        names = self.first.recording([quantity.column]).row().keys()
-        quantity.require_known(sorted(names - {"t"}))
 
 
 def quantities_of(probes: Sequence[str], static: bool) -> tuple[Quantity, ...]:

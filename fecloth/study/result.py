@@ -4,6 +4,7 @@ import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from fecloth import errors
 from fecloth.errors import InputError
@@ -96,6 +97,15 @@ class Table(Sequence[Mapping[str, Cell]]):
     def to_csv(self, path: str | Path) -> None:
         """Write the rows, with all digits."""
         write_csv(self.rows, path)
+
+    def to_pandas(self) -> Any:
+        """Return the rows as a DataFrame; raise `InputError` where pandas is not installed."""
+        try:
+            import pandas
+        except ImportError as error:
+            remedy = "Install pandas, or take to_csv."
+            raise InputError("the package pandas", "is not installed", "", remedy) from error
+        return pandas.DataFrame(list(self.rows), columns=self.columns)
 
     def _repr_html_(self) -> str:
         rows = [{**row, **_round_by_errors(row)} for row in self.rows]

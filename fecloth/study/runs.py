@@ -1,9 +1,9 @@
-"""Run problems, each on a level, for quantities of interest: the engine of all such studies."""
+"""One engine for all studies: run problems and functions of problems, and return a row of each."""
 
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from pkgutil import resolve_name
@@ -12,16 +12,15 @@ from typing import Any
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
 from fecloth.study.cases import Progress, run_cases
-from fecloth.study.change import FIRST_LEVEL, Level
 from fecloth.study.measured_runs import REPEATS, columns_to_record, measure_problem, record_of
-from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
-from fecloth.study.workload import LONGEST, Workload, check_size
+from fecloth.study.problem import StudyProblem
+from fecloth.study.work import ANYWAY, LONGEST, START, Work, in_magnitude
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -41,7 +40,9 @@ class Runs:
     time_limit
         Longest CPU time of a case [s]; None for no limit.
     most_seconds
-        Predicted time above which the study does not start [s]; None for no limit.
+        Time above which the study does not start, or go on, by itself [s]; None for no limit.
+        Before the first case it is compared with an order of magnitude, after it with what the
+        first cases took.
     fresh
         Whether every case runs, even if its result is stored.
     timed
@@ -72,102 +73,98 @@ class Runs:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
-    """A problem on a level, to run.
+class Run:
+    """What runs: a problem, or a function of it, and what the table says of it.
 
     Attributes
     ----------
     problem
-        The problem on its first level.
-    level
-        How it is refined.
+        The problem.
     words
         What the progress line says.
-    size
-        Predicted size of the run.
-    most
-        Longest CPU time of the run [s]; None for no limit.
     cells
-        Cells of a row that the caller needs again.
-    disturbed
-        Seed of a disturbance of the start; None for none.
+        Cells of the row that do not come from the run, as its settings.
+    function
+        A function of the problem and the arguments, at the top of a module; it returns cells.
+    arguments
+        Its other arguments.
+    size
+        How much longer the run takes than the estimate of its problem.
     """
 
-    problem: Problem
-    level: Level
+    problem: StudyProblem
     words: str
-    size: Workload
-    most: float | None = None
     cells: Mapping[str, Any] = field(default_factory=dict)
-    disturbed: int | None = None
+    function: Callable[..., dict] = measure_problem
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    size: float = 1.0
 
     @cached_property
-    def refined(self) -> Problem:
-        """The problem on the level: what runs."""
-        return self.problem.refined(self.level)
+    def case(self) -> dict | None:
+        """The arguments of `run_case_of_problem`, as JSON values.
+
+        It is None for a run that only this process can make, because its arguments are no JSON
+        values, or because other processes cannot import the function of its problem.
+        """
+        try:
+            json.dumps(self.arguments)
+        except TypeError:  # such as a user's function as quantity
+            return None
+        if not self.problem.source.is_importable:
+            return None
+        name = f"{self.function.__module__}:{self.function.__name__}"
+        return {"run": name, "problem": self.problem.case(), "arguments": dict(self.arguments)}
+
+    @property
+    def work(self) -> Work:
+        """The estimated size of the run."""
+        return self.problem.work
+
+    @property
+    def seconds(self) -> float:
+        """The estimated time [s], see `Work.seconds`."""
+        return self.size * self.work.seconds
 
 
-def check_points(points: Sequence[Point], runs: Runs) -> None:
-    """Print the size of all points, and raise `InputError` if they take too long."""
-    sizes = [point.size for point in points]
-    check_size(sizes, runs.jobs, runs.most_seconds, points[0].problem.source)
+Row = dict[str, Any]
 
 
-def run_or_skip(
-    points_or_rows: Sequence[Point | Mapping], quantities: Sequence[Quantity], runs: Runs
-) -> list[Mapping]:
-    """Return a row for each item of the list: the row of a point that runs, or the row itself.
+def run_quantities(
+    runs: Sequence[Run | Mapping],
+    quantities: Sequence[Quantity],
+    how: Runs,
+) -> list[Row]:
+    """Run problems for quantities, and return the row of `measure_problem` for each.
 
-    A row (a mapping) in the list is of what does not run, such as a setting that was refused.
-    """
-    points = [item for item in points_or_rows if isinstance(item, Point)]
-    new_rows = iter(run_points(points, quantities, runs)) if points else iter(())
-    return [next(new_rows) if isinstance(item, Point) else item for item in points_or_rows]
+    A row has the `cells` of its run, its `problem`, and all that the quantities are computed
+    from, see `record_at`. A mapping among the runs is the row of what does not run, such as a
+    setting that was refused: it is returned as it is. A run with a doubt that spoils it counts as
+    failed: it is no evidence.
 
-
-def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST_LEVEL) -> None:
-    """Raise `InputError` for a scene that would take too long, before its mesh is made."""
-    if isinstance(opened, SceneProblem) and runs.most_seconds is not None:
-        size = opened.workload(level)
-        if size.seconds > runs.most_seconds:
-            check_size([size], 1, runs.most_seconds, opened.source)  # says how long, and raises
-
-
-def print_warnings(opened: Problem) -> tuple[Doubt, ...]:
-    """Print and return the doubts about the set-up, which the runs of a study do not repeat."""
-    for doubt in opened.doubts:
-        print(f"warning: {doubt}", file=sys.stderr, flush=True)
-    return opened.doubts
-
-
-def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
-    """Run the points, and return the row of `measure_problem` for each, with its `point`.
-
-    The row has all that the quantities are computed from, see `record_at`. A run with a doubt
-    that spoils it counts as failed: it is no evidence. Raise `InputError` for several functions
-    as quantities.
+    Raise `InputError` for several functions as quantities.
     """
     functions = [quantity.function for quantity in quantities if quantity.function]
     if len(functions) > 1:
         what = f"{len(functions)} functions as quantities"
         raise InputError(what, "must be at most 1", "study")
+    to_run = [run for run in runs if isinstance(run, Run)]
+    if not to_run:
+        return [dict(row) for row in runs if isinstance(row, Mapping)]
     # With all quantities of interest, studies of other quantities find the same stored cases.
-    needed_quantities = (*quantities, *points[0].problem.interest)
+    needed_quantities = (*quantities, *to_run[0].problem.source.interest)
     recorded = {name for quantity in needed_quantities for name in columns_to_record(quantity)}
     modes = max((quantity.mode for quantity in quantities), default=0)
-    common_settings: dict[str, Any] = {"recorded": sorted(recorded), "modes": modes}
+    common: dict[str, Any] = {"recorded": sorted(recorded), "modes": modes}
     if functions:
-        common_settings["function"] = functions[0]
-    tasks = []
-    for point in points:
-        settings = common_settings | _timing(point, runs)
-        task = Task(measure_problem, point.refined, settings, words=point.words, size=point.size)
-        tasks.append(task)
-    rows = run_tasks(tasks, runs)
-    return [judged(row) | {"point": point} for row, point in zip(rows, points, strict=True)]
+        common["function"] = functions[0]
+    if how.timed:
+        common |= {"timed": True, "repeats": how.repeats}
+    measuring = [replace(run, arguments={**common, **run.arguments}) for run in to_run]
+    rows = iter(run_all(measuring, how))
+    return [judged(next(rows)) if isinstance(run, Run) else dict(run) for run in runs]
 
 
-def judged(row: Mapping) -> dict:
+def judged(row: Mapping) -> Row:
     """Return a row, as failed if its run has a doubt that spoils it as evidence."""
     if row["status"] == status.OK:
         for doubt in doubts_of(row):
@@ -181,137 +178,113 @@ def doubts_of(row: Mapping) -> list[Doubt]:
     return [Doubt.of_entry(entry) for entry in row.get("doubts", ())]
 
 
-def _timing(point: Point, runs: Runs) -> dict:
-    """Return the arguments of `measure_problem` on time and disturbance, without defaults.
+def run_case_of_problem(run: str, problem: dict, arguments: dict) -> dict:
+    """Make a run in any process, and return what its function returns.
 
-    The arguments are a part of the key under which a result is stored. With defaults among them
-    the key would be another one, and earlier results of the same run would not be found.
+    `run` names the function as "module:function", `problem` is the case of the problem.
     """
-    arguments: dict = {}
-    if runs.timed:
-        arguments |= {"timed": True, "repeats": runs.repeats}
-    if point.most is not None:
-        arguments["most"] = point.most
-    if point.disturbed is not None:
-        arguments["disturbed"] = point.disturbed
-    return arguments
+    return resolve_name(run)(StudyProblem.of_case(**problem), **arguments)
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
-    """A function of a problem, to run.
+def run_all(runs: Sequence[Run], how: Runs) -> list[Row]:
+    """Make the runs, and return their rows in the same order, each with its cells and problem.
 
-    Attributes
-    ----------
-    function
-        A function of the problem and the settings, at the top of a module.
-    problem
-        Its first argument.
-    settings
-        Its other arguments.
-    words
-        What the progress line says.
-    size
-        Predicted size of the run.
-    cells
-        Cells of a row that the caller needs again.
+    A run that any process can make is a case, whose result is stored; see `run_cases`. A run that
+    only this process can make is made here, and its result is not stored.
     """
-
-    function: Callable[..., dict]
-    problem: Problem
-    settings: Mapping[str, Any]
-    words: str
-    size: Workload
-    cells: Mapping[str, Any] = field(default_factory=dict)
-
-    @cached_property
-    def case(self) -> dict | None:
-        """The arguments of `run_task`, as JSON values.
-
-        It is None for a task that only this process can run, because its settings are no JSON
-        values, or because other processes cannot import the function of its problem.
-        """
-        try:
-            json.dumps(self.settings)
-        except TypeError:  # such as a user's function as quantity
-            return None
-        if not self.problem.is_importable:
-            return None
-        name = f"{self.function.__module__}:{self.function.__name__}"
-        return {"task": name, "problem": self.problem.case(), "settings": dict(self.settings)}
+    for_any_process = [run for run in runs if run.case is not None]
+    for_this_process = [run for run in runs if run.case is None]
+    results: dict[Run, dict] = {}
+    if for_any_process:
+        results |= zip(for_any_process, _run_as_cases(for_any_process, how), strict=True)
+    if for_this_process:
+        results |= zip(for_this_process, _run_here(for_this_process, how), strict=True)
+    return [{**run.cells, **results[run], "problem": run.problem} for run in runs]
 
 
-def run_task(task: str, problem: dict, settings: dict) -> dict:
-    """Run a task in any process, and return its row.
+def _run_as_cases(runs: Sequence[Run], how: Runs) -> list[dict]:
+    """Make runs that any process can make, and return their results; see `run_cases`.
 
-    `task` names the function as "module:function", `problem` is the case of the problem.
+    Results are stored in the cache of `how`, if there is one, and read from there.
     """
-    problem_class = SceneProblem if "tables" in problem else FunctionProblem
-    return resolve_name(task)(problem_class.of_case(**problem), **settings)
-
-
-def run_tasks(tasks: Sequence[Task], runs: Runs) -> list[dict]:
-    """Run the tasks, and return their rows in the same order.
-
-    A task that any process can run is a case, whose result is stored; see `run_cases`. A task
-    that only this process can run is run here, and its result is not stored.
-    """
-    tasks_for_any_process = [task for task in tasks if task.case is not None]
-    tasks_for_this_process = [task for task in tasks if task.case is None]
-    rows: dict[Task, dict] = {}
-    if tasks_for_any_process:
-        new_rows = _run_as_cases(tasks_for_any_process, runs)
-        rows |= zip(tasks_for_any_process, new_rows, strict=True)
-    if tasks_for_this_process:
-        new_rows = _run_here(tasks_for_this_process, runs)
-        rows |= zip(tasks_for_this_process, new_rows, strict=True)
-    return [rows[task] for task in tasks]
-
-
-def _run_as_cases(tasks: Sequence[Task], runs: Runs) -> list[dict]:
-    """Run tasks that any process can run, and return their rows; see `run_cases`.
-
-    Results are stored in the cache of `runs`, if there is one, and read from there.
-    """
-    cases: list[Any] = [task.case for task in tasks]
+    cases: list[Any] = [run.case for run in runs]
     return run_cases(
         cases,
-        run_task,
-        out=runs.cache,
-        jobs=runs.jobs,
-        scheduler=runs.scheduler,
-        time_limit=runs.time_limit,
-        fresh=runs.fresh,
-        label=lambda settings: tasks[cases.index(dict(settings))].words,
-        costs=[task.size.seconds for task in tasks],
-        quiet=runs.quiet,
+        run_case_of_problem,
+        out=how.cache,
+        jobs=how.jobs,
+        scheduler=how.scheduler,
+        time_limit=how.time_limit,
+        fresh=how.fresh,
+        label=lambda settings: runs[cases.index(dict(settings))].words,
+        costs=[run.seconds for run in runs],
+        most_seconds=how.most_seconds,
+        quiet=how.quiet,
     )
 
 
-def _run_here(tasks: Sequence[Task], runs: Runs) -> list[dict]:
-    """Run tasks one after the other in this process, and return their rows.
+def _run_here(runs: Sequence[Run], how: Runs) -> list[dict]:
+    """Make runs one after the other in this process, and return their results.
 
-    A task that fails has a row with its status and cause. Progress lines are printed.
+    A run that fails has a result with its status and cause. Progress lines are printed.
     """
-    costs = [task.size.seconds for task in tasks]
-    rows = list[dict]()
-    progress = Progress(costs, in_seconds=True, quiet=runs.quiet)
-    for task, cost in zip(tasks, costs, strict=True):
-        arguments = {"problem": task.problem, **task.settings}
-        rows.append(status.attempt(task.function, arguments, runs.time_limit))
-        progress.print(task.words, rows[-1], cost)
-    return rows
+    costs = [run.seconds for run in runs]
+    results = list[dict]()
+    progress = Progress(costs, most_seconds=how.most_seconds, quiet=how.quiet)
+    for run, cost in zip(runs, costs, strict=True):
+        arguments = {"problem": run.problem, **run.arguments}
+        results.append(status.attempt(run.function, arguments, how.time_limit))
+        progress.print(run.words, results[-1], cost)
+    return results
+
+
+def announce(runs: Iterable[Run | Mapping], how: Runs, stages: int = 1) -> None:
+    """Print the size of a study before its first case, and refuse one that takes far too long.
+
+    The line has the number of cases, of triangles and of steps, the number of `stages` of the
+    study, and the order of magnitude of the time, with start, meshing and compilation. Raise
+    `InputError` if that is above `how.most_seconds`.
+    """
+    to_run = [run for run in runs if isinstance(run, Run)]
+    if not to_run:
+        return
+    at_once = 1 if how.scheduler else how.jobs
+    seconds = START + sum(run.seconds for run in to_run) / at_once
+    largest = max(to_run, key=lambda run: run.work.triangles).work
+    most_steps = max(run.work.steps for run in to_run)
+    count = amount(len(to_run), "case")
+    if stages > 1:
+        count = f"{amount(stages, 'stage')}, the first of {count}"
+    size = f"{count}, up to {largest.triangles:,.0f} triangles × {most_steps:,.0f} {largest.unit}"
+    print(f"{size}; it may take {in_magnitude(seconds)}", file=sys.stderr, flush=True)
+    if how.most_seconds is not None and seconds > how.most_seconds:
+        allowed = f"may take {in_magnitude(seconds)}: above {how.most_seconds:,.0f} s"
+        advice = f"Check the size of the cloth, h and dt; {ANYWAY}"
+        raise InputError(size, allowed, to_run[0].problem.where, advice)
+
+
+def refuse_huge(problem: StudyProblem, how: Runs) -> None:
+    """Raise `InputError` for a problem that would take far too long, before its mesh is made."""
+    if how.most_seconds is not None and problem.work.seconds > how.most_seconds:
+        announce([Run(problem, "")], how)  # says how long, and raises
+
+
+def print_doubts(problem: StudyProblem) -> tuple[Doubt, ...]:
+    """Print and return the doubts about the set-up, which the runs of a study do not repeat."""
+    for doubt in problem.doubts:
+        print(f"warning: {doubt}", file=sys.stderr, flush=True)
+    return problem.doubts
 
 
 def end_of(row: Mapping) -> tuple[System, State]:
-    """Return the system and the last state of a run from its row of `run_points`."""
-    setup = row["point"].problem.first
+    """Return the system and the last state of a run from its row."""
+    setup = row["problem"].first
     x = setup.start.x + np.array(row["displacement"])
     v = np.array(row["velocity"])
     return setup.system, State(row["times"][-1], x, v)
 
 
 def record_at(row: Mapping, quantity: Quantity) -> RunRecord:
-    """Return what a quantity is computed from, out of a row of `run_points`."""
-    problem = row["point"].refined
-    return record_of(row, quantity, problem.cloth_for(quantity), problem.probes)
+    """Return what a quantity is computed from, out of a row of `run_quantities`."""
+    problem = row["problem"]
+    return record_of(row, quantity, problem.cloth_for(quantity), problem.source.probes)

@@ -1,33 +1,46 @@
-"""A scene that a study changes and refines."""
+"""A scene as a source of set-ups: values by their keys make tables, and tables make a set-up."""
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any, ClassVar
 
 from fecloth.errors import InputError, errors_of
+from fecloth.fabric.fabric import Fabric
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
-from fecloth.mesh.grading import Grading
-from fecloth.runs.first_calls import compile_kernels
 from fecloth.scene.scene import Scene, scene_of
-from fecloth.simulation.error_control import Adaptive
+from fecloth.scene.toml_text import flatten, to_toml, with_values
+from fecloth.simulation.dimensionless import wave_speed
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.setup import Setup
-from fecloth.study.change import Change, Level
-from fecloth.study.problem import CommonProblem, quantities_of
-from fecloth.study.setups import table_of_grading
-from fecloth.study.workload import Workload
 
 # Tables that change no result of a run: what it is called, and what is done with its results.
 WITHOUT_EFFECT = ("title", "expect", "interest", "output", "uncertain", "measured")
+# Tables whose numbers are no parameters, and why.
+NO_PARAMETERS = {
+    "cloth": "changes the mesh, so that nodes cannot be compared",
+    "cloths": "changes the mesh, so that nodes cannot be compared",
+    "time": "is a number of the method, not of the cloth",
+    "equilibrium": "is a number of the method, not of the cloth",
+    "solver": "is a number of the solver, not of the cloth",
+    **dict.fromkeys(
+        ("output", "probes", "expect", "interest", "uncertain", "measured"),
+        "changes no motion of the cloth",
+    ),
+}
+TRIANGLES = {"right": 2.0, "cross": 4.0}  # triangles per h²
+EQUILATERAL = 4 / math.sqrt(3)  # triangles per h² of any other mesh
+STABLE_STEP = 0.4  # stable step of central differences over h / wave speed, as with StVK
+COARSEST = 30  # edge length over h of the first mesh that is tried for the area of a shape
 
 
 @dataclass(frozen=True, eq=False)
-class SceneProblem(CommonProblem):
-    """A scene to change and refine.
+class SceneSource:
+    """A scene whose values a study changes.
 
     Attributes
     ----------
@@ -35,49 +48,38 @@ class SceneProblem(CommonProblem):
         The scene.
     name
         Its title, or the name of its file.
-    source
+    where
         What errors name: the name of the file, if there is one.
+    keys
+        The key of each value that studies vary, by the name that studies have for it.
     """
 
     scene: Scene
     name: str
-    source: str = "the scene"
-    is_importable = True  # other processes can read its tables
+    where: str = "the scene"
+
+    kind: ClassVar[str] = "scene"
+    is_importable: ClassVar[bool] = True  # other processes can read its tables
+    keys: ClassVar[Mapping[str, str]] = {
+        "h": "cloth.h",
+        "dt": "time.dt",
+        "rtol": "time.rtol",
+        "method": "time.method",
+        "element": "cloth.element",
+        "pattern": "cloth.pattern",
+        "grading": "cloth.grading",
+        "terms": "terms",
+    }
 
     @cached_property
     def tables(self) -> dict:
         """The tables of the scene, with all defaults and absolute paths."""
         return self.scene.to_tables()
 
-    @cached_property
-    def first(self) -> Setup:  # type: ignore[override]  # computed when it is needed
-        """The setup of the first level."""
-        return self._build()
-
     @property
     def probes(self) -> tuple[str, ...]:
         """Names of the probes."""
         return tuple(probe.name for probe in self.scene.probes)
-
-    @property
-    def h(self) -> float | None:  # type: ignore[override]  # read only
-        """Edge length [m]."""
-        return self.scene.cloth.h
-
-    @property
-    def dt(self) -> float | None:  # type: ignore[override]  # read only
-        """Fixed step [s]; None where there is none."""
-        if self.scene.equilibrium or self.scene.time.dt == "auto":
-            return None
-        return self.scene.time.dt
-
-    @property
-    def span(self) -> float | None:  # type: ignore[override]  # read only
-        """Length of the run [s]; None for an equilibrium."""
-        time = self.scene.time
-        if self.scene.equilibrium:
-            return None
-        return time.t_end - time.t_start
 
     @property
     def interest(self) -> tuple[Quantity, ...]:
@@ -87,90 +89,60 @@ class SceneProblem(CommonProblem):
         return ()
 
     @property
-    def rtol(self) -> float:
-        """Tolerance of steps that their error chooses [1/s]; 0 if it does not choose them."""
-        time = self.scene.time
-        if self.scene.equilibrium or time.dt != "auto":
-            return 0.0
-        if time.rtol is not None:
-            return time.rtol
-        if time.method.type in EXPLICIT:  # without rtol it takes its stable step
-            return 0.0
-        return Adaptive.rtol
+    def span(self) -> float | None:
+        """Length of the run [s]; None for an equilibrium."""
+        if self.scene.equilibrium:
+            return None
+        return self.scene.time.t_end - self.scene.time.t_start
 
     @property
-    def quantities(self) -> tuple[Quantity, ...]:  # type: ignore[override]  # read only
-        """The quantities of [interest]; else paths or ends of the probes, or displacement."""
-        return self.interest or quantities_of(self.probes, static=bool(self.scene.equilibrium))
+    def is_nested(self) -> bool:
+        """Whether the mesh of half of h has all nodes of the mesh of h."""
+        return getattr(self.scene.cloth, "pattern", "unstructured") != "unstructured"
 
-    def ratio(self, refine: str) -> float:
-        """Return the usual ratio of two levels; for nested meshes it is 2."""
-        nested = getattr(self.scene.cloth, "pattern", "unstructured") != "unstructured"
-        if nested or refine == "dt":
-            return 2.0
-        return math.sqrt(2)
-
-    @cached_property
-    def size(self) -> Workload:
-        """Predicted size of the first level, without its mesh."""
-        return Workload.of(self.scene)
-
-    def workload(self, level: Level) -> Workload:
-        """Predict the size of a level from the size of the first one, without its mesh.
-
-        With dt = "auto" the number of steps is taken in proportion to 1/h and 1/√rtol.
-        """
-        steps_ratio = level.dt
-        if self.scene.equilibrium:
-            steps_ratio = 1.0
-        elif self.scene.time.dt == "auto":
-            steps_ratio = level.h * math.sqrt(level.rtol)
-        triangles = self.size.triangles * level.h**2
-        steps = math.ceil(self.size.steps * steps_ratio)
-        return replace(self.size, triangles=triangles, steps=steps)
-
-    def check(self, refine: str) -> None:
-        """Raise `InputError` if there is no h or fixed dt to refine.
-
-        `refine` is "h", "dt" or "both". An explicit method with its stable step needs no dt for
-        "both": the step falls with h.
-        """
-        if refine != "dt" and not self.can_refine("h"):
-            remedy = "Give a .geo file and h, or a shape."
-            if self.tables["cloth"].get("shape") == "join":
-                remedy = "Each of [cloths.NAME] has its own h: open a function of h in Python."
-            allowed = "has no cloth.h to refine"
-            raise InputError("a mesh of one size", allowed, self.source, remedy)
-        if self.scene.equilibrium:
-            if refine != "h":
-                raise InputError(f"refine = {refine!r}", "an equilibrium has no dt", self.source)
-            return
+    @property
+    def has_stable_steps(self) -> bool:
+        """Whether the steps follow from the limit of an explicit method."""
         time = self.scene.time
-        has_stable_step = time.method.type in EXPLICIT and time.rtol is None
-        if refine == "dt" and not self.can_refine("dt"):
-            raise InputError('dt = "auto"', "cannot be refined", self.source, "Give time.dt.")
-        if refine == "both" and not (has_stable_step or self.can_refine("dt")):
-            remedy = "Give time.dt; or refine h: the steps follow their tolerance."
-            raise InputError('dt = "auto"', "cannot be refined", self.source, remedy)
+        return self.is_explicit and time.dt == "auto" and time.rtol is None
 
-    def changed(self, change: Change) -> "SceneProblem":
-        """Return the problem with a change; if it is refused, `InputError` names the change."""
-        where = self.source
-        if change.name:
-            where = f"{self.source} with {change.name}"
-        with errors_of(where):
-            tables = change.apply(self._tables_for(change))
+    @property
+    def is_explicit(self) -> bool:
+        """Whether the steps solve no equations."""
+        return self.method in EXPLICIT
+
+    @property
+    def method(self) -> str:
+        """The name of the method; "" of an equilibrium."""
+        return "" if self.scene.equilibrium else self.scene.time.method.type
+
+    @property
+    def fabrics(self) -> dict[str, Fabric]:
+        """The fabrics by the keys of their tables."""
+        several = (self.scene.fabrics or {}).items()
+        tables = {"fabric": self.scene.fabric} | {f"fabrics.{name}": t for name, t in several}
+        return {name: table.make() for name, table in tables.items() if table}
+
+    def changed(self, values: Mapping[str, Any], name: str = "") -> "SceneSource":
+        """Return the source with other values by key; None removes a key.
+
+        If they are refused, `InputError` names the change: by `name`, or by the values.
+        """
+        words = name or describe_values(values)
+        with errors_of(f"{self.where} with {words}"):
+            tables = with_values(self._tables_for(values), values)
+            _let_frames_follow_steps(tables)
             return replace(self, scene=scene_of(tables, self.scene.trusts_geo))
 
-    def _tables_for(self, change: Change) -> dict:
-        """Return the tables to which the change is applied.
+    def _tables_for(self, values: Mapping[str, Any]) -> dict:
+        """Return the tables to which values are applied.
 
         They are the tables of the scene with all defaults. But a term that changes its type has
         only the keys that the user wrote, because all others are defaults of its old type.
         """
         if not self.scene.terms:
             return self.tables
-        keys = [key.replace(" ", "") for key in change.values]  # "terms . 0 . type" is allowed
+        keys = [key.replace(" ", "") for key in values]  # "terms . 0 . type" is allowed
         terms = []
         for i, term in enumerate(self.scene.terms):
             table = self.tables["terms"][i]
@@ -179,52 +151,30 @@ class SceneProblem(CommonProblem):
             terms.append(table)
         return self.tables | {"terms": terms}
 
-    def refined(self, level: Level) -> "SceneProblem":
-        """Return a level of the problem; a refined dt divides the run into equal steps.
+    def values_of(self, choice: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values by key of a choice by the names of `keys`, and what goes with it.
 
-        The level divides h, dt, rtol and the tolerance of the solver; its edits change the
-        terms. A level that changes nothing is the problem itself.
+        Another element takes its usual mass. An explicit method takes its stable step and a
+        lumped mass. A fixed step, and a tolerance of chosen steps, take the place of the other.
         """
-        scene = self.scene
-        values = dict[str, object]()
-        if level.h != 1 and self.h is not None:
-            values["cloth.h"] = self.h / level.h
-        if level.dt != 1 and self.span is not None and self.dt is not None:
-            steps = math.ceil(self.span / self.dt - 1e-9)  # 1e-9 against round-off
-            values["time.dt"] = self.span / round(steps * level.dt)
-        if level.rtol != 1:
-            values["time.rtol"] = self.rtol / level.rtol
-        if level.sharper is not None and scene.equilibrium:
-            # the tolerance "auto" of an equilibrium is as exact as the answer needs
-            if scene.equilibrium.tolerance != "auto":
-                values["equilibrium.tolerance"] = scene.equilibrium.tolerance / level.sharper
-        elif level.sharper is not None:
-            # the tolerance "auto" of steps may leave larger errors than levels differ by
-            values["solver.tolerance"] = scene.solver.make().residual / level.sharper
-        if values or level.edits:
-            return self.changed(Change(values=values, edits=level.edits))
-        return self
-
-    def graded(self, gradings: Sequence[Grading]) -> "SceneProblem":
-        """Return the problem with [[cloth.grading]]; a scene may not have its own already."""
-        if self.scene.cloth.grading:
-            allowed = "the scene has [[cloth.grading]]"
-            remedy = "Leave grade or the gradings out."
-            raise InputError("grade = True", allowed, self.source, remedy)
-        tables = [table_of_grading(grading) for grading in gradings]
-        return self.changed(Change(values={"cloth.grading": tables}))
+        values = dict[str, Any]()
+        cloth = self.scene.cloth
+        if "element" in choice and choice["element"] != getattr(cloth, "element", None):
+            values["mass"] = None
+        method = choice.get("method")
+        if method in EXPLICIT:
+            values |= {"mass": "lumped", "solver": None}
+        if self.scene.time and (method in EXPLICIT or {"dt", "rtol"} & choice.keys()):
+            values |= {"time.dt": "auto"}
+            values |= dict.fromkeys(("time.rtol", "time.atol", "time.longest"))
+        if method and method == self.method:
+            choice = {name: value for name, value in choice.items() if name != "method"}
+        return values | {self.keys[name]: value for name, value in choice.items()}
 
     def setup(self, cloth: Cloth | None = None) -> Setup:
-        """Build the scene, on the cloth if it is given, and compile what its run needs."""
-        setup = self._build(cloth)
-        if cloth is None:
-            compile_kernels(setup)
-        return setup
+        """Build the scene, on the cloth if it is given.
 
-    def _build(self, cloth: Cloth | None = None) -> Setup:
-        """Return the setup of the scene, on the cloth if it is given.
-
-        It has no frames of [output], so that no step has to end at the time of a frame.
+        The setup has no frames of [output], so that no step has to end at the time of a frame.
         """
         built = self.scene.build(cloth)
         return Setup(
@@ -237,11 +187,55 @@ class SceneProblem(CommonProblem):
             probes=built.probes,
         )
 
-    def case(self) -> dict[str, object]:
-        """Return all that determines a run, as JSON values.
+    def mesh(self) -> Cloth:
+        """Return the cloth alone."""
+        return self.scene.mesh()
 
-        It is the key of the stored results, and `of_case` makes the problem from it again.
+    def numbers(self) -> Iterator[tuple[str, float]]:
+        """Yield the key and the value of each number that may be a parameter.
+
+        Whole numbers are left out, because they count something, and so are the uncertainties of
+        numbers of a fabric, on which no result depends.
         """
+        for name, value in flatten(self.tables).items():
+            is_left_out = name.partition(".")[0] in NO_PARAMETERS or ".uncertainty." in name
+            if isinstance(value, float) and math.isfinite(value) and not is_left_out:
+                yield name, value
+
+    def is_usual_parameter(self, name: str) -> bool:
+        """Whether a number is a parameter if none is named: one of fabric or terms."""
+        return name.partition(".")[0] in ("fabric", "fabrics", "terms")
+
+    def refuse_parameter(self, name: str) -> None:
+        """Raise `InputError` for a number of the mesh, the steps, the solver or the files."""
+        table = name.partition(".")[0]
+        if reason := NO_PARAMETERS.get(table):
+            remedy = ""
+            if table.startswith("cloth"):
+                remedy = "A function of Python may move the nodes of the same triangles."
+            elif table in ("time", "solver", "equilibrium") and name != "time.t_end":
+                # not for t_end, because `converge` finds no error of it
+                remedy = "fecloth converge says what its error is."
+            raise InputError(f"parameter {name!r}", reason, "sensitivity", remedy)
+
+    def refuse_refining(self, size: str) -> None:
+        """Raise `InputError` that says why there is no h, or no fixed dt, to refine."""
+        if size == "h":
+            remedy = "Give a .geo file and h, or a shape."
+            if self.tables["cloth"].get("shape") == "join":
+                remedy = "Each of [cloths.NAME] has its own h: open a function of h in Python."
+            raise InputError("a mesh of one size", "has no cloth.h to refine", self.where, remedy)
+        if self.scene.equilibrium:
+            raise InputError("refine = 'dt'", "an equilibrium has no dt", self.where)
+        remedy = "Give time.dt; or refine h: the steps follow their tolerance."
+        raise InputError('dt = "auto"', "cannot be refined", self.where, remedy)
+
+    def text(self) -> str:
+        """Return the scene as TOML."""
+        return to_toml(self.tables)
+
+    def case(self) -> dict[str, object]:
+        """Return all that determines a run, as JSON values."""
         tables = {key: value for key, value in self.tables.items() if key not in WITHOUT_EFFECT}
         if "fabric" in tables:
             tables["fabric"] = _constants(tables["fabric"])
@@ -255,19 +249,67 @@ class SceneProblem(CommonProblem):
         }
 
     @classmethod
-    def of_case(cls, tables: dict, digest: str, trust_geo: bool) -> "SceneProblem":
-        """Return the problem of a case, as `case` has written it.
+    def of_case(cls, tables: dict, digest: str, trust_geo: bool) -> "SceneSource":
+        """Return the source of a case, as `case` has written it.
 
         `digest` is not used here: it is in the case so that an edited file that the scene reads
         makes another case.
         """
         return cls(scene_of(tables, trust_geo), "scene")
 
-    def cloth_for(self, quantity: Quantity) -> Cloth | None:
-        """Return the cloth that a field needs; None for other quantities."""
-        if quantity.is_field:
-            return self.scene.mesh()
-        return None
+    def count_triangles(self) -> float:
+        """Estimate the number of triangles from area and h, without gradings or the mesh."""
+        cloth = self.scene.cloth
+        if cloth.h is None:
+            return len(self.mesh().triangles)
+        per_square = TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
+        return self._estimate_area() / cloth.h**2 * per_square
+
+    def _estimate_area(self) -> float:
+        """Return the area of the cloth [m²].
+
+        For a shape without a formula it is the area of a coarse mesh, which is made quickly: first
+        with 30 h, then with ever finer edges until the shape can be meshed. Raise `InputError` if
+        it cannot be meshed with h either.
+        """
+        cloth = self.scene.cloth
+        if cloth.shape == "rectangle":
+            return cloth.width * cloth.height
+        if cloth.shape == "disk":
+            return math.pi * cloth.radius**2
+        factor = float(COARSEST)
+        while factor > 1:
+            try:
+                return cloth.model_copy(update={"h": factor * cloth.h}).cloth().area
+            except InputError:  # too coarse for a shape with small parts
+                factor /= 2
+        return self.mesh().area  # raises the error with its place in the scene
+
+    def count_stable_steps(self, triangles: float) -> float:
+        """Estimate the number of stable steps of an explicit method on so many triangles.
+
+        The stable step is in proportion to h / c, with the speed c of waves of stretching in the
+        stiffest fabric, and the smallest h of all gradings.
+        """
+        speed = max(wave_speed(fabric) for fabric in self.fabrics.values())
+        h = self.scene.cloth.h or math.sqrt(EQUILATERAL * self.mesh().area / triangles)
+        gradings = getattr(self.scene.cloth, "grading", ())
+        shortest = h * min([1.0, *(table.make().smallest(h) for table in gradings)])
+        assert self.span is not None
+        return math.ceil(self.span * speed / (STABLE_STEP * shortest))
+
+
+def describe_values(values: Mapping[str, object]) -> str:
+    """Return "key = value, key = value"."""
+    return ", ".join(f"{key} = {value}" for key, value in values.items())
+
+
+def _let_frames_follow_steps(tables: dict) -> None:
+    """Make the frames of [output], in the tables of a scene, no more frequent than the steps."""
+    dt = tables.get("time", {}).get("dt", "auto")
+    every = tables.get("output", {}).get("every")
+    if isinstance(dt, float) and every and every < dt:
+        tables["output"] = tables["output"] | {"every": dt}
 
 
 def _constants(fabric: dict) -> dict:
