@@ -104,6 +104,13 @@ def value_of(quantity: Quantity, record: RunRecord) -> float:
     return float(_at(quantity, record, column)[0])
 
 
+def is_number(quantity: Quantity, record: RunRecord) -> bool:
+    """Whether the quantity is a number, not a field, a path or a vector."""
+    if quantity.is_field or quantity.how == "path":
+        return False
+    return quantity.how != "value" or record.column(quantity).shape[1] == 1
+
+
 def size_of(quantity: Quantity, record: RunRecord) -> float:
     """Return the size with which a difference is compared; of probes that of the displacement.
 

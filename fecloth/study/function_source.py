@@ -29,7 +29,7 @@ from fecloth.terms.traits import parameters_of, traits_of
 RETURNS = "must return cloth, system, method and start"
 SIZES = ("h", "dt")  # arguments that are no parameters; a function need not take them
 # Arguments that studies vary if the function takes them, beside its sizes.
-VARIED = ("method", "element", "pattern", "grading")
+VARIED = ("method", "element", "model", "pattern", "grading")
 # Functions that this process has imported, by file and name.
 known_functions: dict[tuple[str, str], Callable] = {}
 
@@ -59,6 +59,7 @@ class FunctionSource:
     terms: list[dict] | None = None
 
     kind: ClassVar[str] = "function"
+    usual_variations: ClassVar[tuple[str, ...]] = ()  # its other arguments vary only if asked
     interest: ClassVar[tuple[Quantity, ...]] = ()  # a function names no quantities
     is_nested: ClassVar[bool] = True  # the meshes of a function are taken as nested
     fabrics: ClassVar[Mapping[str, Fabric]] = {}  # which are not known by name
@@ -195,8 +196,9 @@ class FunctionSource:
             return setup
         return with_terms(setup, self.terms)
 
-    def mesh(self) -> Cloth:
-        """Return the cloth alone."""
+    @property
+    def cloth(self) -> Cloth:
+        """The cloth alone."""
         return self.first.cloth
 
     def numbers(self) -> Iterator[tuple[str, float]]:
@@ -240,6 +242,11 @@ class FunctionSource:
         sizes = [(name, self.arguments.get(name)) for name in SIZES]
         lines += [f"{name} = {size:g}" for name, size in sizes if size is not None]
         return "\n".join(lines) + "\n"
+
+    @property
+    def file_text(self) -> str:
+        """The text of a scene's file, which a function does not have."""
+        return ""
 
     @property
     def is_importable(self) -> bool:

@@ -358,7 +358,7 @@ class StudyProblem:
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
         """Return the cloth that a field needs; None for other quantities."""
         if quantity.is_field:
-            return self.source.mesh()
+            return self.source.cloth
         return None
 
 

@@ -17,6 +17,7 @@ from fecloth.scene.toml_text import flatten, to_toml, with_values
 from fecloth.simulation.dimensionless import wave_speed
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.setup import Setup
+from fecloth.terms.traits import traits_of
 
 # Tables that change no result of a run: what it is called, and what is done with its results.
 WITHOUT_EFFECT = ("title", "expect", "interest", "output", "uncertain", "measured")
@@ -52,6 +53,8 @@ class SceneSource:
         What errors name: the name of the file, if there is one.
     keys
         The key of each value that studies vary, by the name that studies have for it.
+    usual_variations
+        The names among them that a study varies without being told so.
     """
 
     scene: Scene
@@ -59,6 +62,7 @@ class SceneSource:
     where: str = "the scene"
 
     kind: ClassVar[str] = "scene"
+    usual_variations: ClassVar[tuple[str, ...]] = ("method", "element", "pattern")
     is_importable: ClassVar[bool] = True  # other processes can read its tables
     keys: ClassVar[Mapping[str, str]] = {
         "h": "cloth.h",
@@ -156,6 +160,7 @@ class SceneSource:
 
         Another element takes its usual mass. An explicit method takes its stable step and a
         lumped mass. A fixed step, and a tolerance of chosen steps, take the place of the other.
+        With "model" each membrane becomes a term of this type, with its defaults.
         """
         values = dict[str, Any]()
         cloth = self.scene.cloth
@@ -167,9 +172,19 @@ class SceneSource:
         if self.scene.time and (method in EXPLICIT or {"dt", "rtol"} & choice.keys()):
             values |= {"time.dt": "auto"}
             values |= dict.fromkeys(("time.rtol", "time.atol", "time.longest"))
+        if model := choice.get("model"):
+            values["terms"] = [self._as_model(i, model) for i in range(len(self.scene.terms))]
         if method and method == self.method:
             choice = {name: value for name, value in choice.items() if name != "method"}
-        return values | {self.keys[name]: value for name, value in choice.items()}
+        named = {name: value for name, value in choice.items() if name != "model"}
+        return values | {self.keys[name]: value for name, value in named.items()}
+
+    def _as_model(self, number: int, model: str) -> dict:
+        """Return the table of a term; of a membrane with another model in its place."""
+        term = self.scene.terms[number]
+        if traits_of(term.make()).kind == "membrane" and term.type != model:
+            return {"type": model}
+        return self.tables["terms"][number]
 
     def setup(self, cloth: Cloth | None = None) -> Setup:
         """Build the scene, on the cloth if it is given.
@@ -187,8 +202,9 @@ class SceneSource:
             probes=built.probes,
         )
 
-    def mesh(self) -> Cloth:
-        """Return the cloth alone."""
+    @cached_property
+    def cloth(self) -> Cloth:
+        """The cloth alone."""
         return self.scene.mesh()
 
     def numbers(self) -> Iterator[tuple[str, float]]:
@@ -234,6 +250,11 @@ class SceneSource:
         """Return the scene as TOML."""
         return to_toml(self.tables)
 
+    @property
+    def file_text(self) -> str:
+        """The text of a scene's file: the scene."""
+        return self.text()
+
     def case(self) -> dict[str, object]:
         """Return all that determines a run, as JSON values."""
         tables = {key: value for key, value in self.tables.items() if key not in WITHOUT_EFFECT}
@@ -261,7 +282,7 @@ class SceneSource:
         """Estimate the number of triangles from area and h, without gradings or the mesh."""
         cloth = self.scene.cloth
         if cloth.h is None:
-            return len(self.mesh().triangles)
+            return len(self.cloth.triangles)
         per_square = TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
         return self._estimate_area() / cloth.h**2 * per_square
 
@@ -283,7 +304,7 @@ class SceneSource:
                 return cloth.model_copy(update={"h": factor * cloth.h}).cloth().area
             except InputError:  # too coarse for a shape with small parts
                 factor /= 2
-        return self.mesh().area  # raises the error with its place in the scene
+        return self.cloth.area  # raises the error with its place in the scene
 
     def count_stable_steps(self, triangles: float) -> float:
         """Estimate the number of stable steps of an explicit method on so many triangles.
@@ -292,7 +313,7 @@ class SceneSource:
         stiffest fabric, and the smallest h of all gradings.
         """
         speed = max(wave_speed(fabric) for fabric in self.fabrics.values())
-        h = self.scene.cloth.h or math.sqrt(EQUILATERAL * self.mesh().area / triangles)
+        h = self.scene.cloth.h or math.sqrt(EQUILATERAL * self.cloth.area / triangles)
         gradings = getattr(self.scene.cloth, "grading", ())
         shortest = h * min([1.0, *(table.make().smallest(h) for table in gradings)])
         assert self.span is not None

@@ -1,0 +1,175 @@
+"""Runs of settings, each made once, within a limit of CPU time."""
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.quantity_values import size_of
+from fecloth.simulation.time_error_words import LARGEST_STATED
+from fecloth.study.fronts.settings import Setting, Settings
+from fecloth.study.runs import Row, Run, Runs, record_at, run_quantities
+from fecloth.study.status import LATE, NO_VALUE, OK, REFUSED, failure
+
+PART_OF_TIME_LEFT = 1 / 3  # the CPU time that a run may take, over the time that is left
+SHORTEST_LIMIT = 1.0  # CPU seconds that every run may take
+# The sizes of quantities [SI], and of components over the length of their vector, below which they
+# are zero up to what solvers leave: they have no relative error.
+ZERO_SIZE = 1e-12
+ZERO_PART_OF_VECTOR = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """The settings of a problem, and the rows of those that have run.
+
+    Attributes
+    ----------
+    settings
+        The settings.
+    quantities
+        The q quantities that are read.
+    runs
+        How cases run.
+    seconds
+        CPU time of all runs together [s].
+    rows
+        The row of each setting that has run; `run` adds to them.
+    begin
+        CPU time of this process at the begin [s].
+    before
+        CPU time of earlier runs with other settings [s].
+    """
+
+    settings: Settings
+    quantities: tuple[Quantity, ...]
+    runs: Runs
+    seconds: float
+    rows: dict[Setting, Row] = field(default_factory=dict)
+    begin: float = field(default_factory=time.process_time)
+    before: float = 0.0
+
+    def with_settings(self, settings: Settings) -> "Bench":
+        """Return a bench for other settings, whose runs take place in the time that is left."""
+        return replace(self, settings=settings, rows={}, before=self._in_runs)
+
+    @property
+    def _in_runs(self) -> float:
+        """CPU time of all runs [s]."""
+        seconds = sum(float(row.get("case_seconds", 0.0)) for row in self.rows.values())
+        return self.before + seconds
+
+    @property
+    def spent(self) -> float:
+        """CPU time so far [s]: of this process, and of runs in other processes."""
+        here = time.process_time() - self.begin
+        if self.runs.jobs > 1 or self.runs.scheduler:
+            return here + self._in_runs
+        return max(here, self._in_runs)  # runs from the store count as what they took
+
+    @property
+    def left(self) -> float:
+        """CPU time that is left [s]."""
+        return self.seconds - self.spent
+
+    def allows(self, seconds: float) -> bool:
+        """Whether a run that should take so many CPU seconds may begin."""
+        return seconds <= max(PART_OF_TIME_LEFT * self.left, SHORTEST_LIMIT)
+
+    def run(self, setting: Setting, most: float = math.inf) -> Row:
+        """Return the row of a setting, which runs unless it has run before.
+
+        A run ends early if its first steps tell that it would take more than `most` CPU seconds,
+        or a third of the time that is left. A setting that is refused, or that has no value of a
+        quantity, has a row with the reason. The row of a run that ended after `most` seconds is
+        not kept, so that the setting may run again with more.
+        """
+        if setting in self.rows:
+            return self.rows[setting]
+        longest = max(PART_OF_TIME_LEFT * self.left, SHORTEST_LIMIT)
+        row = self._measure(setting, self.runs, round(min(most, longest), 3))
+        if row["status"] != LATE or most >= longest:
+            self.rows[setting] = row
+        return row
+
+    def run_again(self, setting: Setting) -> Row:
+        """Run a setting once more, with its CPU seconds measured with care."""
+        how = replace(self.runs, timed=True, fresh=True)
+        return self._measure(setting, how, most=None)
+
+    def _measure(self, setting: Setting, how: Runs, most: float | None) -> Row:
+        """Return the row of a setting, which runs for at most so many CPU seconds."""
+        try:
+            problem = self.settings.problem_of(setting)
+        except InputError as error:
+            return {**failure(REFUSED, error), "problem": self.settings.problem}
+        arguments = {} if most is None else {"most": most}
+        run = Run(problem, f"{setting.line}, {setting.i}, {setting.j}", arguments=arguments)
+        (row,) = run_quantities([run], self.quantities, replace(how, quiet=True))
+        if row["status"] != OK:
+            return row
+        try:
+            for quantity in self.quantities:
+                size_of(quantity, record_at(row, quantity))
+        except InputError as error:  # as where a signal has no period
+            row |= failure(NO_VALUE, error)
+        if row["time_error"] >= LARGEST_STATED:
+            row |= failure("not resolved", "the run says that its error in time is not resolved")
+        return row
+
+    def is_ok(self, setting: Setting) -> bool:
+        """Whether a setting has run to its end."""
+        return setting in self.rows and self.rows[setting]["status"] == OK
+
+    def took(self, setting: Setting) -> float:
+        """Return the CPU seconds of the run of a setting; infinite where it has none."""
+        if self.is_ok(setting):
+            return float(self.rows[setting]["cpu_seconds"])
+        return math.inf
+
+    def late(self) -> list[Setting]:
+        """Return the settings that were stopped because the time was short."""
+        return [setting for setting, row in self.rows.items() if row["status"] == LATE]
+
+
+def check_sizes(quantities: Sequence[Quantity], row: Row, where: str) -> None:
+    """Raise `InputError` if a quantity of a run is zero: then it has no relative error.
+
+    A component of a vector counts as zero below 1e-6 of the length of the vector, such as tip.y
+    of a symmetric cloth.
+    """
+    for quantity in quantities:
+        size = size_of(quantity, record_at(row, quantity))
+        length = _length_of_vector(quantity, row)
+        if size > max(ZERO_SIZE, ZERO_PART_OF_VECTOR * length):
+            continue
+        what = f"{quantity} = 0"
+        allowed = "has no relative error"
+        if length:
+            what = f"{quantity} is {size:.2g}, where the whole vector is {length:.2g}: it is zero"
+            allowed = f"as by symmetry, and {allowed}"
+        remedy = "Choose another quantity, or its path or maximum over the run."
+        raise InputError(what, allowed, where, remedy)
+
+
+def _length_of_vector(quantity: Quantity, row: Mapping) -> float:
+    """Return the length of the vector at the end of a run, of which a quantity is a component.
+
+    For a probe it is the distance from its start to its end: a place alone has no size. Return 0
+    for a quantity that is no component of a vector.
+    """
+    name = quantity.column.rpartition(".")[0]
+    components = [row["ends"].get(f"{name}.{axis}") for axis in "xyz"]
+    if not name or None in components:
+        return 0.0
+    is_probe = name in row["problem"].source.probes
+    return float(np.linalg.norm([end - is_probe * start for start, end in components]))
+
+
+Measure = Callable[[Setting], Row]
+Cells = dict[str, Any]

@@ -1,0 +1,153 @@
+"""The search for the cheapest setting: settings run in the order of their cost, coarse ones first."""
+
+import heapq
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import count
+
+import numpy as np
+
+from fecloth.study.fronts.bench import Bench
+from fecloth.study.fronts.limit import Limit
+from fecloth.study.fronts.settings import Line, Setting
+from fecloth.study.status import LATE, OK, REFUSED
+
+FIRST_SECONDS = 0.01  # CPU seconds of the coarsest setting of each line, before it has run
+PATIENCE = 4.0  # time that a setting may take over its expected time, before others come first
+GROWTH = 1.6  # expected time of a setting over the time of its coarser neighbour
+# A refinement that changed the error by less than this part of it does not help, while the error
+# is above this multiple of the tolerance.
+UNCHANGED = 0.05
+NEAR = 2.0
+
+
+@dataclass(eq=False)
+class Search:
+    """A search for the cheapest setting within a tolerance.
+
+    The setting that should be the cheapest of all that have not run is run next. Its neighbours
+    with a finer h and a shorter dt follow, with an expected time by its own. The search is at its
+    end when all settings left should take longer than the cheapest one that meets the tolerance.
+
+    Attributes
+    ----------
+    bench
+        Where settings run.
+    limit
+        To which errors are distances.
+    tolerance
+        Largest relative error.
+    longest
+        CPU seconds that a setting may take [s].
+    queue
+        Settings to run with their expected seconds, and a number that keeps their order.
+    seen
+        The settings that were taken from the queue.
+    distances
+        The relative distances (q,) to the limit of settings that were asked for.
+    """
+
+    bench: Bench
+    limit: Limit
+    tolerance: float
+    longest: float = math.inf
+    queue: list[tuple[float, int, Setting]] = field(default_factory=list)
+    seen: set[Setting] = field(default_factory=set)
+    distances: dict[Setting, np.ndarray] = field(default_factory=dict)
+    number: Iterator[int] = field(default_factory=count)
+
+    def add_lines(self, lines: Sequence[Line]) -> None:
+        """Add the coarsest settings of lines."""
+        for line in lines:
+            self._push(FIRST_SECONDS, Setting(line))
+
+    def _push(self, seconds: float, setting: Setting) -> None:
+        heapq.heappush(self.queue, (seconds, next(self.number), setting))
+
+    @property
+    def cheapest(self) -> Setting | None:
+        """The cheapest setting with error and U within the tolerance; None if there is none."""
+        settings = [setting for setting in self.bench.rows if self.meets(setting)]
+        return min(settings, key=self.bench.took, default=None)
+
+    def meets(self, setting: Setting) -> bool:
+        """Whether a setting has run, and meets tolerance and time."""
+        if not self.bench.is_ok(setting) or self.bench.took(setting) > self.longest:
+            return False
+        return self.bound(setting) <= self.tolerance
+
+    def bound(self, setting: Setting) -> float:
+        """Return error and U of a setting; infinite if it did not run to its end."""
+        return float((self._distance(setting) + self.limit.uncertainty).max())
+
+    def error(self, setting: Setting) -> float:
+        """Return the largest relative distance to the limit."""
+        return float(self._distance(setting).max())
+
+    def _distance(self, setting: Setting) -> np.ndarray:
+        """Return the (q,) relative distances to the limit; infinite for what has not run."""
+        if not self.bench.is_ok(setting):
+            return np.full(len(self.bench.quantities), math.inf)
+        if setting not in self.distances:
+            self.distances[setting] = self.limit.error(self.bench.rows[setting])
+        return self.distances[setting]
+
+    @property
+    def next(self) -> Setting | None:
+        """The setting to run next; None where no setting left can be cheaper."""
+        limit = self.longest
+        if self.cheapest:
+            limit = min(limit, self.bench.took(self.cheapest))
+        while self.queue and self.queue[0][2] in self.seen:
+            heapq.heappop(self.queue)
+        if not self.queue or self.queue[0][0] > limit:
+            return None
+        return self.queue[0][2]
+
+    def run(self, reserve: float = 0.0) -> str:
+        """Run settings until none can be cheaper; return why it ended before, or "".
+
+        `reserve` is the CPU time that is kept, beside three runs of the cheapest setting [s].
+        """
+        while setting := self.next:
+            expected = self.queue[0][0]
+            kept = reserve
+            if self.cheapest:
+                kept += 3 * self.bench.took(self.cheapest)
+            if self.bench.left < kept + expected or not self.bench.allows(expected):
+                return "the time is up"
+            heapq.heappop(self.queue)
+            most = PATIENCE * expected
+            self.bench.run(setting, most)
+            if setting in self.bench.rows:
+                self.seen.add(setting)
+                self._add_finer(setting, expected)
+            else:  # it takes longer, so that cheaper ones come before it
+                self._push(most, setting)
+        return ""
+
+    def _add_finer(self, setting: Setting, expected: float) -> None:
+        """Add the neighbours of a setting that has run, where they can help."""
+        row = self.bench.rows[setting]
+        if row["status"] == LATE:  # finer ones take longer
+            return
+        took = expected
+        if row["status"] == OK:
+            took = max(self.bench.took(setting), FIRST_SECONDS)
+        refine_h, refine_dt = self.bench.settings.can_be_finer(setting)
+        if refine_h and self._helps(setting, setting.finer(i=-1)):
+            self._push(GROWTH * took, setting.finer(i=1))
+        if refine_dt and self._helps(setting, setting.finer(j=-1)):
+            self._push(GROWTH * took, setting.finer(j=1))
+
+    def _helps(self, setting: Setting, coarser: Setting) -> bool:
+        """Whether a further refinement, after the one from `coarser`, may help."""
+        status = self.bench.rows[setting]["status"]
+        before = self.bench.rows.get(coarser)
+        if status == REFUSED:  # a mesh may be too coarse for its shape, but twice is enough
+            return before is None or before["status"] != REFUSED
+        error = self.error(setting)
+        if before is None or math.isinf(error) or error <= NEAR * self.tolerance:
+            return True
+        return abs(error - self.error(coarser)) > UNCHANGED * error
