@@ -30,6 +30,7 @@ RETURNS = "must return cloth, system, method and start"
 SIZES = ("h", "dt")  # arguments that are no parameters; a function need not take them
 # Arguments that studies vary if the function takes them, beside its sizes.
 VARIED = ("method", "element", "pattern", "grading")
+VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 # Functions that this process has imported, by file and name.
 known_functions: dict[tuple[str, str], Callable] = {}
 
@@ -76,6 +77,13 @@ class FunctionSource:
         taken = inspect.signature(self.function).parameters
         names = (*SIZES, *(name for name in VARIED if name in taken))
         return {name: name for name in (*names, "terms")}
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of the arguments without a default that are not given."""
+        parameters = inspect.signature(self.function).parameters.values()
+        needed = [p.name for p in parameters if p.default is p.empty and p.kind not in VARIADIC]
+        return tuple(name for name in needed if self.arguments.get(name) is None)
 
     @property
     def probes(self) -> tuple[str, ...]:

@@ -167,6 +167,14 @@ class StudyProblem:
             return self
         return replace(self, source=self.source.changed(values, name), root=self.root or self)
 
+    def completed(self, values: Mapping[str, Any]) -> "StudyProblem":
+        """Return the problem with those of the values without which it has no set-up.
+
+        These are values of arguments without a default, which a function was not given.
+        """
+        values = {name: value for name, value in values.items() if name in self.source.missing}
+        return replace(self.at(values), root=None) if values else self
+
     def choose(self, name: str = "", **choice: Any) -> "StudyProblem":
         """Return the problem with another h, dt, rtol, method, element, pattern, terms or grading.
 

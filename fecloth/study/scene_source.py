@@ -59,6 +59,7 @@ class SceneSource:
     where: str = "the scene"
 
     kind: ClassVar[str] = "scene"
+    missing: ClassVar[tuple[str, ...]] = ()  # all values of a scene are known
     is_importable: ClassVar[bool] = True  # other processes can read its tables
     keys: ClassVar[Mapping[str, str]] = {
         "h": "cloth.h",
