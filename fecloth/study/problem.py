@@ -105,13 +105,12 @@ class StudyProblem:
     @property
     def h(self) -> float | None:
         """Edge length [m]; None where there is none to refine."""
-        return self.tables["cloth"].get("h")
+        return self.source.h
 
     @property
     def dt(self) -> float | None:
         """Fixed step [s]; None where there is none."""
-        dt = self.tables.get("time", {}).get("dt", "auto")
-        return None if dt == "auto" else dt
+        return self.source.dt
 
     @property
     def rtol(self) -> float:
@@ -298,21 +297,26 @@ class StudyProblem:
 
     @cached_property
     def work(self) -> Work:
-        """The estimated size of a run, without its mesh where that has another h than its root."""
+        """The estimated size of a run, without its mesh where its root tells enough."""
         root = self.root or self
-        triangles = root.source.count_triangles() if root is self else root.work.triangles
-        if root is not self and root.h and self.h:
-            triangles *= (root.h / self.h) ** 2
+        if root is not self and self.source.has_shape_of(root.source):
+            triangles = root.work.triangles
+            if root.h and self.h:
+                triangles *= (root.h / self.h) ** 2
+        else:
+            triangles = self.source.count_triangles()
+        # the method of a function is known only from a set-up
+        known = self.source if self.source.tells_method else root.source
         if self.is_static:
-            load_steps = self.tables["equilibrium"].get("load_steps", 1)
+            load_steps = known.tables["equilibrium"].get("load_steps", 1)
             return Work(triangles, LOAD_STEP * load_steps, unit="Newton iterations")
         assert self.span is not None
         steps = float(CHOSEN_STEPS)
         if self.dt is not None:
             steps = math.ceil(self.span / self.dt - 1e-9)
-        elif self.source.has_stable_steps:
-            steps = self.source.count_stable_steps(triangles)
-        return Work(triangles, steps, self.is_explicit)
+        elif known.has_stable_steps:
+            steps = known.count_stable_steps(triangles)
+        return Work(triangles, steps, known.is_explicit)
 
     # --- quantities ---------------------------------------------------------------------------
 

@@ -195,7 +195,8 @@ def _table_row(method: str, values: Mapping, rows: Sequence[Mapping]) -> dict:
     for row in rows:
         # the shortest step that does not hold; a refused combination has none
         if row["dt"] in (high, None):
-            words = f"{row['status']}: {shorten(row['cause'])}"
+            cause = row["cause"] if row["dt"] is None else shorten(row["cause"])
+            words = f"{row['status']}: {cause}"
     return {
         "method": method,
         **values,
