@@ -21,7 +21,7 @@ def run_study(command: Command, options: Namespace) -> int:
     from fecloth.study import threads  # noqa: F401, I001  before NumPy: one thread a case
     from fecloth.scene.scene import load_scene
     from fecloth.study.overlay import compare_runs
-    from fecloth.study.workload import LONGEST
+    from fecloth.study.work import LONGEST
 
     if isinstance(options.scene, list):
         paths = options.scene
@@ -91,7 +91,7 @@ def print_modes(options: Namespace) -> int:
     from fecloth.cli.progress import terminal
     from fecloth.errors import FeclothWarning
     from fecloth.scene.scene import load_scene
-    from fecloth.study.front import of
+    from fecloth.study.study import of
 
     study = of(load_scene(options.scene, options.set, **reading(options)))
     with warnings.catch_warnings():  # they are printed below

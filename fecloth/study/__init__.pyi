@@ -11,7 +11,6 @@ from .comparison import Comparison, Difference
 from .convergence import Convergence
 from .converging import converge
 from .figures import COLOURS, MARKERS, line_style, mark_failures, new_figure
-from .front import Study, of
 from .overlay import Overlay, compare_runs
 from .result import StudyResult, Table, write_csv
 from .sensitivities import sensitivity
@@ -20,6 +19,7 @@ from .simplification.result import Simplification
 from .simplification.simplify import simplify
 from .stability_map import StabilityMap, stability
 from .status import TimeLimit, check_time_limit
+from .study import Study, of
 from .sweeps import Sweep, sweep
 from .uncertainty import Estimate, estimate_uncertainty
 

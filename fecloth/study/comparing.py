@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,6 @@ from fecloth.errors import InputError, MeshError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import difference_of, value_of
-from fecloth.study import run_problems
-from fecloth.study.change import Level
 from fecloth.study.comparison import (
     Comparison,
     Difference,
@@ -25,21 +22,20 @@ from fecloth.study.comparison import (
 from fecloth.study.convergence import Convergence
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.overlay import Overlay
-from fecloth.study.problems import Problem
-from fecloth.study.refinement import is_number, levels_to_run, other_shares, summarise
-from fecloth.study.result import Table
-from fecloth.study.status import NO_VALUE, OK, failure
-from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
-from fecloth.study.variants import (
-    Over,
-    combine,
-    make_or_refuse,
-    name_variant,
-    read_ranges,
-    split_refused,
-    vary,
-    with_first_values,
+from fecloth.study.problem import StudyProblem
+from fecloth.study.refinement import (
+    Limit,
+    check_levels,
+    is_number,
+    levels_to_run,
+    other_shares,
+    summarise,
 )
+from fecloth.study.result import Table
+from fecloth.study.run_table import row_of_run
+from fecloth.study.runs import Run, end_of, print_doubts, record_at, refuse_huge
+from fecloth.study.status import NO_VALUE, OK, failure
+from fecloth.study.variants import Over, combine, name_variant, plan, read_ranges, run_planned
 
 
 def compare(
@@ -79,145 +75,89 @@ def compare(
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
     """
     study = open_study(problem, shared)
-    runs = study.runs()
-    shared_problem, variants_by_name = _open_variants(study.problems, variants)
-    opened, refused = split_refused(variants_by_name)
-    for variant in opened.values():
-        run_problems.refuse_huge(variant, runs)
-    doubts = run_problems.print_warnings(shared_problem)
-    chosen_quantity = shared_problem.choose_quantity(quantity)
+    how = study.runs()
+    check_levels(refine, levels, ratio)
+    choices = _name_choices(study.problems, variants)
+    first_problem, _ = next(iter(choices.values()))
+    for shared_problem, _ in choices.values():
+        refuse_huge(shared_problem, how)
+    doubts = print_doubts(first_problem)
+    chosen_quantity = first_problem.choose_quantity(quantity)
 
-    def plan_levels(variant: Problem) -> list[Level]:
-        """Return the levels; raise `InputError` if the variant lacks an h or the quantity."""
-        variant.check(refine)
+    def make(name: str) -> list[Run]:
+        """Return the runs; raise `InputError` if the variant lacks an h or the quantity."""
+        shared_problem, values = choices[name]
+        variant = shared_problem.at(values)
         variant.check_quantity(chosen_quantity)
-        return levels_to_run(variant, chosen_quantity, refine, levels, ratio)
+        runs = levels_to_run(variant, chosen_quantity, refine, levels, ratio)
+        return [replace(run, words=f"{name}, {run.words}") for run in runs]
 
-    planned_levels = make_or_refuse(plan_levels, opened.values())
-    levels_of, refused_levels = split_refused(dict(zip(opened, planned_levels, strict=True)))
-    refused |= refused_levels
-    if len(levels_of) < 2:
-        causes = "; ".join(row["cause"] for row in refused.values())
-        raise InputError(f"{len(levels_of)} variant", "must be at least 2", "compare", causes)
-    rows = _run(opened, levels_of, chosen_quantity, runs)
-    results: dict[str, Convergence | dict] = dict(refused)
-    for name in levels_of:
-        results[name] = _judge(rows[name], chosen_quantity, refine, levels)
-    # in the order of the variants, so that refused ones are not at the begin of the table
-    results = {name: results[name] for name in variants_by_name}
-    return replace(_conclude(opened, results, chosen_quantity, refine), doubts=doubts)
+    planned = plan(make, list(choices))
+    refusals = [runs[0]["cause"] for runs in planned if isinstance(runs[0], dict)]
+    if len(planned) - len(refusals) < 2:
+        what = f"{len(planned) - len(refusals)} variant"
+        raise InputError(what, "must be at least 2", "compare", "; ".join(refusals))
+    rows_of_variants = run_planned(planned, [chosen_quantity], how)
+    studies: dict[str, Convergence | dict] = {}
+    for name, rows in zip(choices, rows_of_variants, strict=True):
+        studies[name] = rows[0]
+        if "problem" in rows[0]:
+            variant = rows[0]["problem"]
+            parts = rows[:levels], rows[levels:]
+            studies[name] = summarise(variant, chosen_quantity, refine, *parts)
+    return replace(_conclude(studies, chosen_quantity, refine), doubts=doubts)
 
 
-def _open_variants(
-    problems: Sequence[Problem], variants: Over | None
-) -> tuple[Problem, dict[str, Any]]:
-    """Return the problem whose quantities and warnings count for all, and the variants by name.
+def _name_choices(
+    problems: Sequence[StudyProblem], variants: Over | None
+) -> dict[str, tuple[StudyProblem, dict]]:
+    """Return what is compared: a problem and values of it, by the name of the variant.
 
-    The problem is the first of several, or the one of which the variants are made. A variant
-    that is refused has a row with the cause in its place. Raise `InputError` for several
-    problems with `variants`, or a single one without, and for less than two variants.
+    A name that occurs again gets a number. Raise `InputError` for several problems with
+    `variants`, or a single one without, and for less than two variants.
     """
-    several = len(problems) > 1
-    if several == (variants is not None):  # both are given, or neither
+    if (len(problems) > 1) == (variants is not None):  # both are given, or neither
         allowed = "takes several problems, or one with variants"
         remedy = "Give variants, as in terms.0.type=StVK,Springs."
         raise InputError("compare", allowed, "", remedy)
-    if several:
-        return problems[0], _name_variants([problem.name for problem in problems], problems)
-    ranges = read_ranges(variants or ())
-    combinations = combine(ranges)
-    varied_problem = with_first_values(problems[0], ranges)
-    opened = make_or_refuse(partial(vary, varied_problem), combinations)
-    names = [name_variant(values) for values in combinations]
-    return varied_problem, _name_variants(names, opened)
-
-
-def _name_variants(names: Sequence[str], variants: Sequence[Any]) -> dict[str, Any]:
-    """Return the variants by name; a name that occurs again gets a number.
-
-    Raise `InputError` for less than two variants, and for scenes beside functions.
-    """
-    pairs = list(zip(names, variants, strict=True))
-    if len(pairs) < 2:
-        raise InputError(f"{len(pairs)} variant", "must be at least 2", "compare")
-    # a variant of type dict is a row of what was refused: neither scene nor function
-    if len({type(variant) for _, variant in pairs} - {dict}) > 1:
-        raise InputError("scenes beside functions", "must be of one kind", "compare")
-    named: dict[str, Any] = {}
-    for name, variant in pairs:
-        own_name = name
-        if name in named:
-            own_name = f"{name} ({len(named) + 1})"
-        named[own_name] = variant
+    combinations = combine(read_ranges(variants)) if variants is not None else [{}]
+    opened = [problem.completed(combinations[0]) for problem in problems]
+    named: dict[str, tuple[StudyProblem, dict]] = {}
+    for problem in opened:
+        for values in combinations:
+            name = name_variant(values) or problem.name
+            if name in named:
+                name = f"{name} ({len(named) + 1})"
+            named[name] = problem, values
+    if len(named) < 2:
+        raise InputError(f"{len(named)} variant", "must be at least 2", "compare")
     return named
 
 
-def _run(
-    opened: Mapping, levels_of: Mapping, quantity: Quantity, runs: run_problems.Runs
-) -> dict[str, list[dict]]:
-    """Run all levels of all variants; return the rows by the name of the variant.
-
-    `opened` are the variants by name, `levels_of` the levels of each that runs. All runs are in
-    one list, so that they run side by side.
-    """
-    points = [
-        run_problems.Point(
-            opened[name], level, words=f"{name}, {level}", size=opened[name].workload(level)
-        )
-        for name, levels in levels_of.items()
-        for level in levels
-    ]
-    run_problems.check_points(points, runs)
-    rows = iter(run_problems.run_points(points, [quantity], runs))
-    return {name: [next(rows) for _ in levels] for name, levels in levels_of.items()}
-
-
-def _judge(
-    rows: Sequence[dict], quantity: Quantity, refine: str, levels: int
-) -> Convergence | dict:
-    """Return the convergence of one variant; if it failed, the cells of its row with the cause.
-
-    `rows` are first the rows of the `levels` refined levels, then those that show other errors.
-    A failure of the latter is no failure of the variant.
-    """
-    problem = rows[0]["point"].problem
-    failed = next((row for row in rows[:levels] if row["status"] != OK), None)
-    if failed:
-        return failure(failed["status"], failed["cause"])
-    try:
-        return summarise(problem, quantity, refine, rows[:levels], rows[levels:])
-    except InputError as error:  # as where a signal has no period
-        return failure(NO_VALUE, error)
-
-
 def _conclude(
-    opened: Mapping, studied: Mapping[str, Convergence | dict], quantity: Quantity, refine: str
+    studied: Mapping[str, Convergence | dict], quantity: Quantity, refine: str
 ) -> Comparison:
-    """Return the comparison of the variants that ran with the first of them.
+    """Return the comparison of the variants that have a value with the first of them.
 
-    `opened` are the variants by name. `studied` has the convergence of each, or the cells of its
-    row if it was refused or failed.
+    `studied` has the convergence of each variant, or its row if it was refused.
     """
-    studies = {name: study for name, study in studied.items() if isinstance(study, Convergence)}
+    by_name = {name: study for name, study in studied.items() if isinstance(study, Convergence)}
+    studies = {name: study for name, study in by_name.items() if study.estimate}
+    first = next(iter(studies.values()), None)
     scale = math.nan
-    are_numbers = True
     differences = {}
-    if studies:
-        first_study, *other_studies = studies.values()
-        scale = find_scale(first_study)
-        record = run_problems.record_at(first_study.levels[0], quantity)
-        are_numbers = is_number(quantity, record)
-        for name, other_study in zip(list(studies)[1:], other_studies, strict=True):
-            difference = _difference(first_study, other_study, quantity, scale, are_numbers)
-            differences[name] = difference
+    if first:
+        scale = find_scale(first)
+        for name, study in studies.items():
+            if study is not first:
+                differences[name] = _subtract(first, study, quantity, scale)
     overlay, remarks = _make_overlay(list(studies.values())[:2], quantity)
-    names = {variant.name for variant in opened.values()}
     comparison = Comparison(  # without verdict and table, which are made from it below
-        title=", ".join(sorted(names)),
+        title=", ".join(sorted({study.title for study in by_name.values()})),
         verdict="",
         table=Table(()),
         quantity=quantity.text,
-        unit=next((study.unit for study in studies.values()), ""),
+        unit=first.unit if first else "",
         refine=refine,
         studies=studies,
         differences=differences,
@@ -225,17 +165,14 @@ def _conclude(
         overlay=overlay,
         remarks=remarks,
     )
-    lines = [describe_difference(comparison, name, are_numbers) for name in differences]
-    rows = []
-    for name, variant in studied.items():
-        rows.append({"variant": name, **_cells(comparison, name, variant)})
+    has_sign = first is not None and is_number(quantity, record_at(first.levels[0], quantity))
+    lines = [describe_difference(comparison, name, has_sign) for name in differences]
+    rows = [{"variant": name, **_cells(comparison, name, s)} for name, s in studied.items()]
     verdict = "\n".join(lines) or "nothing to compare: less than two variants have a value"
     return replace(comparison, verdict=verdict, table=Table(tuple(rows)))
 
 
-def _difference(
-    a: Convergence, b: Convergence, quantity: Quantity, scale: float, are_numbers: bool
-) -> Difference:
+def _subtract(a: Convergence, b: Convergence, quantity: Quantity, scale: float) -> Difference:
     """Return the difference of the variant b from the first variant a.
 
     It is in per cent, d = 100 (b/a − 1), or, if the scale is NaN, b − a in the unit of the
@@ -254,32 +191,36 @@ def _difference(
         The first variant, and the variant that is compared with it.
     scale
         The value that is 100 %, see `find_scale`.
-    are_numbers
-        Whether the quantity is a number, not a field, a path or a vector.
     """
-    differences = [
-        _subtract(quantity, scale, first, second)
-        for first, second in zip(a.levels, b.levels, strict=True)
-    ]
-    difference_of_limits = differences[-1]
-    growth = 1.0
-    if are_numbers and math.isnan(scale):
-        difference_of_limits = best_value(b) - best_value(a)
-    elif are_numbers:
-        growth = abs(best_value(b) / best_value(a))
-        difference_of_limits = 100 * (best_value(b) / best_value(a) - 1)
+    has_sign = is_number(quantity, record_at(a.levels[0], quantity))
+
+    def subtract(row: Mapping, other: Mapping) -> float:
+        """Return the difference of two runs; of a field, path or vector it has no sign."""
+        record, other_record = (record_at(each, quantity) for each in (row, other))
+        if not has_sign:
+            return factor * difference_of(quantity, record, other_record)
+        return relate(value_of(quantity, record), value_of(quantity, other_record))
+
+    def relate(value: float, other: float) -> float:
+        return other - value if math.isnan(scale) else 100 * (other / value - 1)
+
     factor = 1.0 if math.isnan(scale) else 100 / abs(scale)
-    summed = Difference(
-        as_given=differences[0],
-        limit=difference_of_limits,
-        uncertainty=factor * (b.uncertainty + growth * a.uncertainty),
-    )
-    if not _have_same_levels(a, b):
-        return summed
-    refined = _refine_difference(a, b, quantity, scale, differences)
-    if refined is None or refined.uncertainty >= summed.uncertainty:
-        return summed
-    return refined
+    differences = [subtract(*pair) for pair in zip(a.levels, b.levels, strict=True)]
+    limit = differences[-1]
+    growth = 1.0
+    if has_sign:
+        limit = relate(best_value(a), best_value(b))
+        growth = 1.0 if math.isnan(scale) else abs(best_value(b) / best_value(a))
+    uncertainty = factor * (b.uncertainty + growth * a.uncertainty)
+    if _have_same_levels(a, b):
+        pairs = zip(a.others, b.others, strict=True)
+        changes = [abs(subtract(*pair) - differences[0]) for pair in pairs]
+        space_order, _ = a.levels[0]["problem"].orders(quantity)
+        others = other_shares(a.levels[0], a.others, changes, space_order)
+        refined = Limit.of(_sizes_of(a), differences, a.theory, a.refine, others)
+        if refined.estimate.behaviour != "diverging" and refined.uncertainty < uncertainty:
+            limit, uncertainty = refined.estimate.limit, refined.uncertainty
+    return Difference(differences[0], limit, uncertainty)
 
 
 def _have_same_levels(a: Convergence, b: Convergence) -> bool:
@@ -287,93 +228,41 @@ def _have_same_levels(a: Convergence, b: Convergence) -> bool:
     finished = all(row["status"] == OK for row in (*a.others, *b.others))
     if not finished or len(a.others) != len(b.others):
         return False
-    sizes = _sizes_of_levels(a)
-    other_sizes = _sizes_of_levels(b)
+    sizes, other_sizes = np.array(_sizes_of(a)), np.array(_sizes_of(b))
     return np.allclose(sizes / sizes[0], other_sizes / other_sizes[0], rtol=0.01)
 
 
-def _sizes_of_levels(study: Convergence) -> np.ndarray:
+def _sizes_of(study: Convergence) -> list[float]:
     """Return dt of each level [s], or h [m]."""
-    return np.array(study.table["dt" if study.refine == "dt" else "h"], dtype=float)
+    return study.table["dt" if study.refine == "dt" else "h"]
 
 
-def _refine_difference(
-    a: Convergence,
-    b: Convergence,
-    quantity: Quantity,
-    scale: float,
-    differences: Sequence[float],
-) -> Difference | None:
-    """Return the limit of the differences on the levels, and its uncertainty.
-
-    The shares of what was not refined are added to the uncertainty: how much the difference
-    changes in the runs with, for instance, a smaller step. Return None if the differences
-    diverge.
-
-    Parameters
-    ----------
-    a, b
-        The first variant, and the variant that is compared with it, on the same levels.
-    differences
-        The difference on each level, coarse to fine, in % of the scale or in the unit.
-    """
-    estimate = estimate_uncertainty(_sizes_of_levels(a).tolist(), differences, a.theory)
-    if estimate.behaviour == "diverging":
-        return None
-    changes = [
-        abs(_subtract(quantity, scale, first, second) - differences[0])
-        for first, second in zip(a.others, b.others, strict=True)
-    ]
-    orders = a.levels[0]["point"].problem.orders(quantity)
-    shares = other_shares(a.refine, orders, a.levels[0], a.others, changes)
-    uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in shares.values())
-    return Difference(differences[0], estimate.limit, uncertainty)
-
-
-def _subtract(quantity: Quantity, scale: float, row: Mapping, other: Mapping) -> float:
-    """Return the difference of the run `other` from the run `row`, by their rows.
-
-    It is in % or, if the scale is NaN, in the unit of the quantity. Of a number it has a sign,
-    and 100 % is the value of `row` on its level. Of a field, path or vector it is a size, and
-    100 % is the scale.
-    """
-    record = run_problems.record_at(row, quantity)
-    other_record = run_problems.record_at(other, quantity)
-    if not is_number(quantity, record):
-        size = difference_of(quantity, record, other_record)
-        return size * (1.0 if math.isnan(scale) else 100 / abs(scale))
-    value = value_of(quantity, record)
-    other_value = value_of(quantity, other_record)
-    if math.isnan(scale):
-        return other_value - value
-    return 100 * (other_value / value - 1)
-
-
-def _cells(comparison: Comparison, name: str, variant: Convergence | dict) -> dict:
+def _cells(comparison: Comparison, name: str, study: Convergence | dict) -> dict:
     """Return the cells of a variant in the table, without its name.
 
     They are the value and error on the first level, which has the given mesh and step; the
     limit; and the difference from the first variant, None in the row of the first one.
     """
-    if isinstance(variant, dict):  # it was refused or failed: these are its cells
-        return variant
-    first_level = variant.table[0]
+    if isinstance(study, dict):  # it was refused: these are its cells
+        return study
+    if not study.estimate:
+        failed = (row for row in study.table if row["status"] != OK)
+        row = next(failed, failure(NO_VALUE, study.verdict))
+        return failure(str(row["status"]), row["cause"])
     unit = comparison.unit if math.isnan(comparison.scale) else "%"
-    difference = comparison.differences.get(name)
     bracket = f" [{unit}]" if unit else ""
-    return {
-        "status": OK,
-        "value": first_level["value"],
-        "error": first_level["error"],
-        "limit": best_value(variant),
-        "uncertainty": variant.uncertainty,
+    difference = comparison.differences.get(name)
+    results = {
+        "value": study.table[0]["value"],
+        "error": study.table[0]["error"],
+        "limit": best_value(study),
+        "uncertainty": study.uncertainty,
         f"difference as given{bracket}": difference.as_given if difference else None,
         f"difference of limits{bracket}": difference.limit if difference else None,
         f"±{bracket}": difference.uncertainty if difference else None,
-        "order": variant.order,
-        "triangles": first_level["triangles"],
-        "cpu_seconds": first_level["cpu_seconds"],
+        "order": study.order,
     }
+    return row_of_run(study.levels[0], {}, results)
 
 
 def _make_overlay(
@@ -386,7 +275,7 @@ def _make_overlay(
     """
     if len(studies) < 2 or quantity.how == "mode":
         return None, ()
-    first, second = (run_problems.end_of(study.levels[0]) for study in studies)
+    first, second = (end_of(study.levels[0]) for study in studies)
     try:
         return Overlay.of(first, second), ()
     except MeshError as error:  # as where a node is on one cloth only

@@ -12,10 +12,11 @@ from fecloth.study.figures import label_ends, line_style, new_figure
 from fecloth.study.overlay import Overlay
 from fecloth.study.result import StudyResult, with_uncertainty
 
+# What is refined: its size, the unit of it, and where a value has the given size.
 REFINED = {
-    "h": ("the mesh is", "h", "m", "on the given mesh"),
-    "dt": ("the time step is", "dt", "s", "with the given step"),
-    "both": ("mesh and time step are", "h", "m", "on the given mesh and step"),
+    "h": ("h", "m", "on the given mesh"),
+    "dt": ("dt", "s", "with the given step"),
+    "both": ("h", "m", "on the given mesh and step"),
 }
 
 
@@ -106,7 +107,7 @@ class Comparison(StudyResult):
 
         A dotted line joins the value of the finest level with the limit at h = 0.
         """
-        _, size_name, unit, _ = REFINED[self.refine]
+        size_name, unit, _ = REFINED[self.refine]
         drawing, ax = new_figure(size=(8.0, 5.0))
         drawing.suptitle(f"{self.title}: {self.quantity}")
         ends = []
@@ -147,7 +148,7 @@ def find_scale(study: Convergence) -> float:
 
 
 def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> str:
-    """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK; the mesh is …".
+    """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK, 4 % on the given mesh".
 
     Parameters
     ----------
@@ -163,32 +164,13 @@ def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> st
     in_units = math.isnan(comparison.scale)
     unit = comparison.unit if in_units else "%"
     size = with_uncertainty(abs(difference.limit), difference.uncertainty, unit)
+    smaller, larger = ("lower", "higher") if in_units else ("smaller", "larger")
     if abs(difference.limit) <= difference.uncertainty:
         sentence = f"{name} and {first} cannot be told apart: the difference is {size}"
     elif not has_sign:
         sentence = f"{name} differs from {first} by {size}"
-    elif difference.limit < 0:
-        sentence = f"{name} is {size} {'lower' if in_units else 'smaller'} than {first}"
     else:
-        sentence = f"{name} is {size} {'higher' if in_units else 'larger'} than {first}"
-    errors_as_given = {key: _error_as_given(comparison, key) for key in (first, name)}
-    error_words = []
-    for key, error in errors_as_given.items():
-        error_size = f"{error:.2g} {unit}".strip()
-        error_words.append(f"{error_size} ({key})")
+        sentence = f"{name} is {size} {smaller if difference.limit < 0 else larger} than {first}"
     as_given = f"{abs(difference.as_given):.2g} {unit}".strip()
-    what_is_refined, _, _, where = REFINED[comparison.refine]
-    sentence = f"{comparison.quantity}: {sentence}, {as_given} {where}; "
-    sentence += f"{what_is_refined} off by {' and '.join(error_words)}"
-    # the difference is real, but an error of the given mesh or step could hide it
-    if difference.uncertainty < abs(difference.limit) < max(errors_as_given.values()):
-        sentence += ", which is more than the difference"
-    return sentence
-
-
-def _error_as_given(comparison: Comparison, name: str) -> float:
-    """Return the error of a variant as given, in % of the scale or in the quantity's unit."""
-    error = comparison.studies[name].table[0]["error"]
-    if math.isnan(comparison.scale):
-        return error
-    return 100 / abs(comparison.scale) * error
+    _, _, where = REFINED[comparison.refine]
+    return f"{comparison.quantity}: {sentence}, {as_given} {where}"

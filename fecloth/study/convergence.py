@@ -10,12 +10,11 @@ from fecloth.mesh.grading import Grading
 from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.study.figures import new_figure, use_plain_ticks
 from fecloth.study.result import StudyResult, in_percent
-from fecloth.study.uncertainty import Estimate, observed_order
+from fecloth.study.uncertainty import Estimate
 
 # The distance of the observed from the theoretical order, over the theoretical one: the levels
 # are in the asymptotic range up to this distance.
 ORDER_TOLERANCE = 0.25
-MOST_PROPOSED_LEVELS = 5  # more levels are no advice: with ratio 2 each costs 4 to 8 times more
 # The differences between levels over the quantity: below it an engineer takes the values as
 # equal, whatever their order.
 SMALL_DIFFERENCE = 0.005
@@ -169,7 +168,6 @@ def _labelled(name: str, unit: str) -> str:
 
 def judge(
     estimate: Estimate,
-    h: Sequence[float],
     values: Sequence[float],
     obstacles: Sequence[str],
     size: float = 0.0,
@@ -184,8 +182,8 @@ def judge(
     ----------
     estimate
         The estimate that `estimate_uncertainty` made from the values.
-    h, values
-        Size and value of each level, coarse to fine.
+    values
+        Value of each level, coarse to fine.
     obstacles
         Possible reasons why values do not converge, for the sentence.
     size
@@ -219,36 +217,4 @@ def judge(
         if order > (1 + ORDER_TOLERANCE) * theory:
             how = "faster than its theory"
         return True, f"converges {how} ({orders})"
-    advice = _propose_levels(np.flip(h), np.flip(values), theory)
-    return False, f"not yet in the asymptotic range ({orders}): {advice}.{why}"
-
-
-def _propose_levels(h: np.ndarray, values: np.ndarray, theory: float) -> str:
-    """Return in words how many more levels would bring the order into the asymptotic range.
-
-    The order of three successive levels is expected to approach the theory by the same factor
-    from level to level as it did last. So after k more levels its distance from the theory is
-    distance / factor^k.
-
-    Parameters
-    ----------
-    h, values
-        Size and value of each level, from the finest to the coarsest.
-    theory
-        The theoretical order.
-    """
-    local_orders = [observed_order(h[k : k + 3], values[k : k + 3]) for k in range(len(h) - 2)]
-    if len(local_orders) < 2 or not np.isfinite(local_orders[:2]).all():
-        return "one level more would tell"
-    distance = abs(theory - local_orders[0])
-    distance_before = abs(theory - local_orders[1])
-    if distance >= distance_before:
-        return "the order does not approach the theory from level to level"
-    wanted_distance = ORDER_TOLERANCE * theory
-    more_levels = 1
-    if distance > wanted_distance:
-        factor = distance_before / distance
-        more_levels = math.ceil(math.log(distance / wanted_distance) / math.log(factor))
-    if more_levels > MOST_PROPOSED_LEVELS:
-        return "the order hardly approaches the theory from level to level"
-    return f"about {more_levels} more, to {h[0] * (h[0] / h[1]) ** more_levels:.3g}, would be"
+    return False, f"not yet in the asymptotic range ({orders}).{why}"

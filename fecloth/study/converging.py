@@ -16,11 +16,10 @@ from fecloth.simulation.quantity_values import difference_of, value_of
 from fecloth.study.convergence import Convergence
 from fecloth.study.graded_meshes import choose_gradings, find_lone_pins
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.problems import Problem
-from fecloth.study.refinement import is_number, refine_problem
+from fecloth.study.problem import StudyProblem
+from fecloth.study.refinement import check_levels, is_number, refine_problem
 from fecloth.study.result import Table
-from fecloth.study.run_problems import Runs, end_of, print_warnings, record_at, refuse_huge
-from fecloth.study.status import OK
+from fecloth.study.runs import Runs, end_of, print_doubts, record_at, refuse_huge
 from fecloth.system.space_error import space_error
 
 
@@ -69,18 +68,18 @@ def converge(
     """
     study = open_study(problem, shared)
     opened = study.problem
-    runs = study.runs()
-    opened.check(refine)
-    refuse_huge(opened, runs)
-    doubts = print_warnings(opened)
+    how = study.runs()
+    check_levels(refine, levels, ratio)
+    opened.check_refining(refine)
+    refuse_huge(opened, how)
+    doubts = print_doubts(opened)
     chosen_quantity = opened.choose_quantity(quantity)
-    if grade:
-        convergence = refine_graded(opened, chosen_quantity, refine, levels, ratio, runs)
-    else:
-        convergence = refine_problem(opened, chosen_quantity, refine, levels, ratio, runs)
-    return replace(convergence, doubts=doubts)
+    refined = refine_graded if grade else refine_problem
+    convergence = refined(opened, chosen_quantity, refine, levels, ratio, how)
+    return replace(convergence, doubts=tuple(dict.fromkeys([*doubts, *convergence.doubts])))
 
 
+COSTS = ("triangles", "cpu_seconds")
 NO_GRADING = (
     "No grading saves 5 % of the triangles: corners and pins have no more error than the rest."
 )
@@ -91,7 +90,12 @@ LONE_PINS = (
 
 
 def refine_graded(
-    opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None, runs: Runs
+    problem: StudyProblem,
+    quantity: Quantity,
+    refine: str,
+    levels: int,
+    ratio: float | None,
+    how: Runs,
 ) -> Convergence:
     """Run the levels on uniform meshes, find gradings from the first, and run graded levels.
 
@@ -103,23 +107,28 @@ def refine_graded(
     them failed, or if no grading saves enough triangles. Raise `InputError` for a problem whose
     meshes cannot be graded.
     """
-    _require_gradable(opened, refine)
-    runs = replace(runs, timed=True)  # the verdict compares CPU seconds
-    uniform = refine_problem(opened, quantity, refine, levels, ratio, runs)
-    if any(row["status"] != OK for row in uniform.levels):
+    _require_gradable(problem, refine)
+    how = replace(how, timed=True)  # the verdict compares CPU seconds
+    uniform = refine_problem(problem, quantity, refine, levels, ratio, how, stages=2)
+    if uniform.estimate is None:
         return uniform
-    assert opened.h is not None
+    assert problem.h is not None
     _, end_state = end_of(uniform.levels[0])
-    gradings = choose_gradings(opened.first, end_state, opened.h)
+    gradings = choose_gradings(problem.first, end_state, problem.h)
     remarks = []
-    if lone_pins := len(find_lone_pins(opened.first)):
+    if lone_pins := len(find_lone_pins(problem.first)):
         remarks.append(LONE_PINS.format(lone_pins))
     if not gradings:
         return replace(uniform, remarks=(*uniform.remarks, NO_GRADING, *remarks))
-    graded = refine_problem(opened.graded(gradings), quantity, refine, levels, ratio, runs)
-    if any(row["status"] != OK for row in graded.levels):
+    graded = refine_problem(problem.graded(gradings), quantity, refine, levels, ratio, how)
+    if graded.estimate is None:
         return replace(graded, gradings=gradings)
-    uniform_rows, graded_rows = _compare_meshes(quantity, uniform, graded)
+    errors = _errors_of_uniform(quantity, uniform, graded)
+    uniform_rows: list[dict[str, Any]] = [
+        {"mesh": "uniform", **row, "error": error}
+        for row, error in zip(uniform.table, errors, strict=True)
+    ]
+    graded_rows: list[dict[str, Any]] = [{"mesh": "graded", **row} for row in graded.table]
     saving = _describe_saving(graded_rows, uniform_rows, graded.unit)
     on_uniform = f"On uniform meshes: {uniform.verdict.splitlines()[0]}"
     return replace(
@@ -131,50 +140,27 @@ def refine_graded(
     )
 
 
-def _compare_meshes(
-    quantity: Quantity, uniform: Convergence, graded: Convergence
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return the rows of the table: those of uniform meshes, and those of graded meshes.
-
-    The errors of both are distances to the limit of the graded meshes. A row of a graded mesh
-    says how many triangles a uniform mesh with the same error has, if its error is between the
-    errors of the uniform meshes.
-    """
-    errors = _errors_of_uniform(quantity, uniform, graded)
-    uniform_rows: list[dict[str, Any]] = []
-    for row, error in zip(uniform.table, errors, strict=True):
-        uniform_rows.append({"mesh": "uniform", **row, "error": error})
-    graded_rows: list[dict[str, Any]] = []
-    for row in graded.table:
-        graded_row: dict[str, Any] = {"mesh": "graded", **row}
-        triangles = _cost_of(graded_row["error"], uniform_rows, "triangles")
-        if math.isfinite(triangles):
-            graded_row["uniform_triangles"] = round(triangles)
-        graded_rows.append(graded_row)
-    return uniform_rows, graded_rows
-
-
-def _require_gradable(opened: Problem, refine: str) -> None:
+def _require_gradable(problem: StudyProblem, refine: str) -> None:
     """Raise `InputError` for a problem whose meshes cannot be graded.
 
     That is a refinement of the step alone, an explicit method, terms without an estimate of the
     error in space, and a problem that takes no gradings.
     """
     what = "grade = True"
-    where = opened.source
+    where = problem.where
     if refine == "dt":
         raise InputError(what, 'needs refine = "h" or "both"', where)
-    if opened.is_explicit:
+    if problem.is_explicit:
         remedy = "Take an implicit method."
         allowed = "is not for explicit methods: the smallest edge limits their step"
         raise InputError(what, allowed, where, remedy)
-    setup = opened.first
+    setup = problem.first
     error = space_error(setup.system, setup.start)
     if np.isnan(error.density).all():  # its terms have no estimate, whatever the state
         raise InputError(what, f"needs the error in space: {error.reason}", where)
     any_node = float(setup.cloth.X[0, 0]), float(setup.cloth.X[0, 1])
     trial = Grading(point=any_node, distance=setup.cloth.extent)
-    _ = opened.graded([trial]).first  # a problem that takes no gradings refuses this one
+    _ = problem.graded([trial]).first  # a problem that takes no gradings refuses this one
 
 
 def _errors_of_uniform(
@@ -192,12 +178,10 @@ def _errors_of_uniform(
 def _cost_of(error: float, rows: Sequence[Mapping], key: str) -> float:
     """Return how many triangles or seconds (`key`) a mesh with this error has.
 
-    It is interpolated between the rows of a kind of meshes, linearly in the logarithms; NaN for
-    an error that is outside of the errors of the rows.
+    It is interpolated between the rows of a kind of meshes, linearly in the logarithms. Beyond
+    their errors it is the cost of the coarsest or of the finest mesh.
     """
     points = sorted((row["error"], row[key]) for row in rows if row["error"] > 0 and row[key])
-    if not (points and points[0][0] <= error <= points[-1][0]):
-        return math.nan
     errors, costs = np.log(points).T
     return float(np.exp(np.interp(math.log(error), errors, costs)))
 
@@ -208,29 +192,19 @@ def _describe_saving(graded: Sequence[Mapping], uniform: Sequence[Mapping], unit
     The error is the least one that both kinds of meshes reach, in `unit`. The arguments
     `graded` and `uniform` are the rows of both.
     """
-    least_graded = min(row["error"] for row in graded)
-    least_uniform = min(row["error"] for row in uniform)
-    error = max(least_graded, least_uniform)  # the kind with the larger one reaches no smaller
-    at_most = ""
-    graded_error = error
-    if error > graded[0]["error"]:  # the coarsest graded mesh is better already
-        at_most = "at most "
-        graded_error = graded[0]["error"]
-    triangles = _cost_of(graded_error, graded, "triangles")
-    seconds = _cost_of(graded_error, graded, "cpu_seconds")
-    uniform_triangles = _cost_of(error, uniform, "triangles")
-    uniform_seconds = _cost_of(error, uniform, "cpu_seconds")
-    if not np.isfinite([triangles, seconds, uniform_triangles, uniform_seconds]).all():
-        return "What the grading saves is not known: no error is reached by both kinds of meshes."
-    factor = uniform_triangles / triangles
+    error = max(min(row["error"] for row in rows) for rows in (graded, uniform))
+    if not error > 0:
+        return "What the grading saves is not known: the finest meshes have no error."
+    costs = [_cost_of(error, rows, key) for rows in (graded, uniform) for key in COSTS]
+    triangles, seconds, uniform_triangles, uniform_seconds = costs
     saved = "saves no triangles"
-    if factor > 1:
-        saved = f"saves a factor of {factor:.2g} in triangles"
+    if uniform_triangles > triangles:
+        saved = f"saves a factor of {uniform_triangles / triangles:.2g} in triangles"
     size = f"{error:.2g} {unit}".strip()
     return (
-        f"The grading {saved}: an error of {size} takes {at_most}"
-        f"{triangles:,.0f} triangles and {seconds:.2g} CPU seconds, on uniform meshes "
-        f"{uniform_triangles:,.0f} triangles and {uniform_seconds:.2g} CPU seconds."
+        f"The grading {saved}: an error of at most {size} takes {triangles:,.0f} triangles and "
+        f"{seconds:.2g} CPU seconds, on uniform meshes {uniform_triangles:,.0f} triangles and "
+        f"{uniform_seconds:.2g} CPU seconds."
     )
 
 

@@ -30,6 +30,7 @@ RETURNS = "must return cloth, system, method and start"
 SIZES = ("h", "dt")  # arguments that are no parameters; a function need not take them
 # Arguments that studies vary if the function takes them, beside its sizes.
 VARIED = ("method", "element", "model", "pattern", "grading")
+VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 # Functions that this process has imported, by file and name.
 known_functions: dict[tuple[str, str], Callable] = {}
 
@@ -60,6 +61,7 @@ class FunctionSource:
 
     kind: ClassVar[str] = "function"
     usual_variations: ClassVar[tuple[str, ...]] = ()  # its other arguments vary only if asked
+    tells_method: ClassVar[bool] = False  # before a set-up is made
     interest: ClassVar[tuple[Quantity, ...]] = ()  # a function names no quantities
     is_nested: ClassVar[bool] = True  # the meshes of a function are taken as nested
     fabrics: ClassVar[Mapping[str, Fabric]] = {}  # which are not known by name
@@ -77,6 +79,23 @@ class FunctionSource:
         taken = inspect.signature(self.function).parameters
         names = (*SIZES, *(name for name in VARIED if name in taken))
         return {name: name for name in (*names, "terms")}
+
+    @property
+    def h(self) -> float | None:
+        """Edge length [m]; None where there is none to refine."""
+        return self.arguments.get("h")
+
+    @property
+    def dt(self) -> float | None:
+        """Fixed step [s]; None where there is none."""
+        return None if self.t_end is None else self.arguments.get("dt")
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of the arguments without a default that are not given."""
+        parameters = inspect.signature(self.function).parameters.values()
+        needed = [p.name for p in parameters if p.default is p.empty and p.kind not in VARIADIC]
+        return tuple(name for name in needed if self.arguments.get(name) is None)
 
     @property
     def probes(self) -> tuple[str, ...]:
@@ -115,8 +134,8 @@ class FunctionSource:
         """What studies look at, in the form of a scene's tables: cloth, terms, time."""
         first = self.first
         cloth: dict = {"element": first.cloth.element}
-        if self.arguments.get("h") is not None:
-            cloth["h"] = self.arguments["h"]
+        if self.h is not None:
+            cloth["h"] = self.h
         terms = self.terms
         if terms is None:
             terms = [describe_term(term, i) for i, term in enumerate(first.system.terms)]
@@ -124,8 +143,7 @@ class FunctionSource:
         if first.is_static:
             steps = first.steps.load_steps if isinstance(first.steps, LoadSteps) else 1
             return tables | {"equilibrium": {"load_steps": steps}}
-        dt = self.arguments.get("dt") or "auto"
-        return tables | {"time": {"dt": dt, "t_end": self.t_end}}
+        return tables | {"time": {"dt": self.dt or "auto", "t_end": self.t_end}}
 
     def changed(self, values: Mapping[str, Any], name: str = "") -> "FunctionSource":
         """Return the source with other arguments, or other terms.
@@ -288,6 +306,10 @@ class FunctionSource:
         function = known_functions.get((path, name)) or load_function(path, name)
         placed = tuple(Probe(probe_name, where, point) for probe_name, where, point in probes)
         return cls(function, placed=placed, **more)
+
+    def has_shape_of(self, other: "FunctionSource") -> bool:
+        """Whether the number of triangles follows from h: it is assumed, as no mesh is made."""
+        return True
 
     def count_triangles(self) -> float:
         """Return the number of triangles, for which the mesh is made."""

@@ -9,7 +9,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.mesh.grading import Grading
 from fecloth.simulation.setup import Setup
-from fecloth.study.problem import border_of, has_bending, is_round
+from fecloth.study.orders import border_of, has_bending, is_round
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
 

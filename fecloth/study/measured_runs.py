@@ -41,16 +41,19 @@ def measure_problem(
     recorded: Sequence[str],
     modes: int = 0,
     disturbed: int | None = None,
+    change: Callable[[Setup], Setup] | None = None,
     **more: Any,
 ) -> dict:
     """Return the row of `measure` of a problem, with the CPU seconds of set-up and all runs.
 
     The seconds are without the first calls of kernels, which other runs of the process need not
-    make. `disturbed` is the seed of a disturbance of the start, `more` are arguments of
-    `measure`.
+    make. `disturbed` is the seed of a disturbance of the start, `change` a function that returns
+    the set-up to run, `more` are arguments of `measure`.
     """
     begin = time.process_time()
     setup = problem.setup()
+    if change:
+        setup = change(setup)
     if disturbed is not None:
         setup = setup.disturbed(disturbed)
     begin_of_compilation = time.process_time()

@@ -105,13 +105,12 @@ class StudyProblem:
     @property
     def h(self) -> float | None:
         """Edge length [m]; None where there is none to refine."""
-        return self.tables["cloth"].get("h")
+        return self.source.h
 
     @property
     def dt(self) -> float | None:
         """Fixed step [s]; None where there is none."""
-        dt = self.tables.get("time", {}).get("dt", "auto")
-        return None if dt == "auto" else dt
+        return self.source.dt
 
     @property
     def rtol(self) -> float:
@@ -166,6 +165,14 @@ class StudyProblem:
         if not values:
             return self
         return replace(self, source=self.source.changed(values, name), root=self.root or self)
+
+    def completed(self, values: Mapping[str, Any]) -> "StudyProblem":
+        """Return the problem with those of the values without which it has no set-up.
+
+        These are values of arguments without a default, which a function was not given.
+        """
+        values = {name: value for name, value in values.items() if name in self.source.missing}
+        return replace(self.at(values), root=None) if values else self
 
     def choose(self, name: str = "", **choice: Any) -> "StudyProblem":
         """Return the problem with another h, dt, rtol, method, element, pattern, terms or grading.
@@ -290,21 +297,26 @@ class StudyProblem:
 
     @cached_property
     def work(self) -> Work:
-        """The estimated size of a run, without its mesh where that has another h than its root."""
+        """The estimated size of a run, without its mesh where its root tells enough."""
         root = self.root or self
-        triangles = root.source.count_triangles() if root is self else root.work.triangles
-        if root is not self and root.h and self.h:
-            triangles *= (root.h / self.h) ** 2
+        if root is not self and self.source.has_shape_of(root.source):
+            triangles = root.work.triangles
+            if root.h and self.h:
+                triangles *= (root.h / self.h) ** 2
+        else:
+            triangles = self.source.count_triangles()
+        # the method of a function is known only from a set-up
+        known = self.source if self.source.tells_method else root.source
         if self.is_static:
-            load_steps = self.tables["equilibrium"].get("load_steps", 1)
+            load_steps = known.tables["equilibrium"].get("load_steps", 1)
             return Work(triangles, LOAD_STEP * load_steps, unit="Newton iterations")
         assert self.span is not None
         steps = float(CHOSEN_STEPS)
         if self.dt is not None:
             steps = math.ceil(self.span / self.dt - 1e-9)
-        elif self.source.has_stable_steps:
-            steps = self.source.count_stable_steps(triangles)
-        return Work(triangles, steps, self.is_explicit)
+        elif known.has_stable_steps:
+            steps = known.count_stable_steps(triangles)
+        return Work(triangles, steps, known.is_explicit)
 
     # --- quantities ---------------------------------------------------------------------------
 

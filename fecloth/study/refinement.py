@@ -2,30 +2,65 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from fecloth import validation
+from fecloth.errors import InputError, did_you_mean
 from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.quantity import Quantity
-from fecloth.simulation.quantity_values import RunRecord, difference_of, value_of
-from fecloth.study.change import Level, make_levels
+from fecloth.simulation.quantity_values import RunRecord, difference_of
 from fecloth.study.convergence import Convergence, judge
-from fecloth.study.problems import Problem
+from fecloth.study.problem import StudyProblem
 from fecloth.study.result import Table, with_uncertainty
-from fecloth.study.run_problems import Point, Runs, check_points, doubts_of, record_at, run_points
+from fecloth.study.run_table import row_of_run, with_values
+from fecloth.study.runs import (
+    Run,
+    Runs,
+    announce,
+    doubts_of,
+    record_at,
+    run_quantities,
+)
 from fecloth.study.status import OK
-from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
+from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
 
+# What is refined, and the name of its part of the error.
+REFINED = {"h": "mesh", "dt": "time step", "both": "mesh and time step"}
 # rtol over rtol of the run that shows the error of chosen steps: the error falls to a fifth, so
 # that the change is most of it.
 RTOL_RATIO = 10.0
 RTOL_ORDER = 2 / 3  # global errors of adaptive steps are about proportional to rtol^(2/3)
 
 
+def check_levels(refine: str, levels: int, ratio: float | None) -> None:
+    """Raise `InputError` for a refinement that no problem has.
+
+    That is an unknown `refine`, less than 3 or more than 10 levels, or a ratio outside of 1.1 to
+    10.
+    """
+    if refine not in REFINED:
+        what = f"refine = {refine!r}"
+        remedy = did_you_mean(refine, REFINED)
+        raise InputError(what, 'must be "h", "dt" or "both"', "converge", remedy)
+    validation.whole("levels", levels, 3, "converge", most=10)
+    if ratio is not None:
+        validation.number("ratio", ratio, 0.0, "converge")
+        if not 1.1 <= ratio <= 10:
+            raise InputError(f"ratio = {ratio:g}", "must lie between 1.1 and 10", "converge")
+
+
 def refine_problem(
-    opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None, runs: Runs
+    problem: StudyProblem,
+    quantity: Quantity,
+    refine: str,
+    levels: int,
+    ratio: float | None,
+    how: Runs,
+    stages: int = 1,
 ) -> Convergence:
     """Run the levels of a problem, and return what they say about the quantity.
 
@@ -37,50 +72,157 @@ def refine_problem(
         Their number, from 3.
     ratio
         The size of a level over the size of the next one; None for the usual ratio.
+    stages
+        Number of such studies, of which this is the first, for the line before the first case.
     """
-    refined = levels_to_run(opened, quantity, refine, levels, ratio)
-    opened.check_quantity(quantity)
-    points = [Point(opened, level, str(level), opened.workload(level)) for level in refined]
-    check_points(points, runs)
-    rows = run_points(points, [quantity], runs)
-    return summarise(opened, quantity, refine, rows[:levels], rows[levels:])
+    problem.check_quantity(quantity)
+    runs = levels_to_run(problem, quantity, refine, levels, ratio)
+    announce(runs, how, stages)
+    rows = run_quantities(runs, [quantity], how)
+    return summarise(problem, quantity, refine, rows[:levels], rows[levels:])
 
 
 def levels_to_run(
-    opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None
-) -> list[Level]:
-    """Return the levels, coarse to fine, and after them the levels that show other errors."""
-    space_order, time_order = opened.orders(quantity)
-    ratio = ratio or opened.ratio(refine)
-    refined_levels = make_levels(refine, levels, ratio, space_order, time_order)
-    return refined_levels + _levels_for_other_errors(opened, quantity, refine)
+    problem: StudyProblem,
+    quantity: Quantity,
+    refine: str,
+    levels: int,
+    ratio: float | None = None,
+) -> list[Run]:
+    """Return the runs of the levels, coarse to fine, and after them those for other errors.
 
-
-def _levels_for_other_errors(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
-    """Return up to three levels, each of which is the first level with one other refinement.
-
-    They show the errors that the refined levels do not show. One level is finer in dt, if h is
-    refined, or in h, if dt is refined. If the error chooses the steps, rtol is divided in place
-    of dt. One level halves the gaps of contact, if there is contact. One divides the tolerance
-    of the solver, if steps in time solve equations.
+    With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
+    keep their share. Raise `InputError` for what `check_levels` or the problem refuses.
     """
-    levels = []
-    in_time = not (opened.is_static or quantity.how == "mode")
-    if in_time and refine == "h" and opened.rtol:
-        levels.append(Level(rtol=RTOL_RATIO))
-    elif in_time and refine == "h" and opened.can_refine("dt"):
-        levels.append(Level(dt=2.0))
-    elif in_time and refine == "dt" and opened.can_refine("h"):
-        levels.append(Level(h=opened.ratio("h")))
-    if opened.has_contact:
-        levels.append(Level(gap=2.0))
-    if in_time and not opened.is_explicit:
-        levels.append(Level(sharper=100.0))
-    return levels
+    check_levels(refine, levels, ratio)
+    problem.check_refining(refine)
+    space_order, time_order = problem.orders(quantity)
+    ratio = ratio or problem.ratio(refine)
+    ratios = {"h": ratio, "dt": ratio}
+    if refine == "both":
+        ratios["dt"] = ratio ** (space_order / time_order)
+    else:
+        ratios = {refine: ratio}
+    runs = []
+    for k in range(levels):
+        runs.append(_level(problem, {}, {name: ratio**k for name, ratio in ratios.items()}))
+    return runs + _runs_for_other_errors(problem, quantity, refine, time_order)
+
+
+def _level(problem: StudyProblem, cells: Mapping, divisors: Mapping[str, float]) -> Run:
+    """Return the run of a problem whose sizes and tolerances are divided by these numbers."""
+    parts = [f"{name} / {divisor:.3g}" for name, divisor in divisors.items() if divisor != 1]
+    finer = problem.finer(**{"sharper": 1.0, **divisors})
+    words = " and ".join(parts).replace("sharper / 100", "a sharper tolerance")
+    return Run(finer, words or "the first level", cells)
+
+
+def _runs_for_other_errors(
+    problem: StudyProblem, quantity: Quantity, refine: str, time_order: float
+) -> list[Run]:
+    """Return up to three runs, each of which is the first level with one other refinement.
+
+    They show the errors that the refined levels do not show. One is finer in dt, if h is
+    refined, or in h, if dt is refined. If the error chooses the steps, rtol is divided in place
+    of dt. One halves the gaps of contact, if there is contact. One divides the tolerance of the
+    solver, if steps in time solve equations.
+
+    An error ∝ s^p of the first level changes by the part 1 − r^−p of itself if the size s is
+    divided by r. The cells of the run are the name of the error that it `shows` and this `part`;
+    the part of the mesh follows from the edges as meshed, see `other_shares`.
+    """
+    in_time = not (problem.is_static or quantity.how == "mode")
+    runs = []
+
+    def show(error: str, part: float | None, **divisors: float) -> None:
+        runs.append(_level(problem, {"shows": error, "part": part}, divisors))
+
+    if in_time and refine == "h" and problem.rtol:
+        show("time step", 1 - RTOL_RATIO**-RTOL_ORDER, rtol=RTOL_RATIO)
+    elif in_time and refine == "h" and problem.can_refine("dt"):
+        show("time step", 1 - 2.0**-time_order, dt=2.0)
+    elif in_time and refine == "dt" and problem.can_refine("h"):
+        show("mesh", None, h=problem.ratio("h"))
+    if problem.has_contact:
+        show("gap", 1 - 1 / 2.0, gap=2.0)  # of first order
+    if in_time and not problem.is_explicit:
+        show("solver", 1.0, sharper=100.0)  # a hundredth of the tolerance leaves nearly no error
+    return runs
+
+
+def other_shares(
+    first: Mapping, others: Sequence[Mapping], changes: Sequence[float], space_order: float
+) -> dict[str, float]:
+    """Return the estimated errors that the refined levels do not show, by their names.
+
+    Parameters
+    ----------
+    first
+        Row of the first level.
+    others, changes
+        Rows of the runs for other errors, and how far the quantity is in each from the first
+        level. The error is the change over the part of it that the run shows.
+    space_order
+        Theoretical order in h.
+    """
+    errors = {}
+    for row, change in zip(others, changes, strict=True):
+        part = row["part"]
+        if part is None:
+            part = 1 - (first["edge"] / row["edge"]) ** -space_order
+        errors[row["shows"]] = change / part
+    return errors
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What the values of refined levels, and of the runs for other errors, say of their limit.
+
+    Attributes
+    ----------
+    estimate
+        The `Estimate` from the values of the levels.
+    shares
+        Estimated size of each part of the error, first the part of what was refined.
+    least_error
+        Error of the finest level at least: values that go up and down have no limit but the
+        finest value, whose error would then be 0.
+    """
+
+    estimate: Estimate
+    shares: dict[str, float]
+    least_error: float
+
+    @classmethod
+    def of(
+        cls,
+        sizes: Sequence[float],
+        values: Sequence[float],
+        theory: float,
+        refine: str,
+        others: Mapping[str, float],
+    ) -> "Limit":
+        """Return the limit of the values on levels of these sizes, beside other errors."""
+        estimate = estimate_uncertainty(sizes, values, theory)
+        least_error = 0.0
+        if estimate.behaviour not in ("monotone", "constant"):
+            least_error = estimate.uncertainty / UNSAFE
+        own = {REFINED[refine]: max(abs(estimate.value - estimate.limit), least_error)}
+        return cls(estimate, own | dict(others), least_error)
+
+    @property
+    def uncertainty(self) -> float:
+        """The uncertainty of the levels, plus three times each error that they do not show."""
+        _, *others = self.shares.values()
+        return self.estimate.uncertainty + sum(UNSAFE * share for share in others)
+
+    def errors(self, values: Sequence[float]) -> list[float]:
+        """Return the error of each value: its distance from the limit."""
+        return [max(abs(value - self.estimate.limit), self.least_error) for value in values]
 
 
 def summarise(
-    opened: Problem,
+    problem: StudyProblem,
     quantity: Quantity,
     refine: str,
     rows: Sequence[Mapping],
@@ -88,92 +230,73 @@ def summarise(
 ) -> Convergence:
     """Return the result from the rows of all levels.
 
-    If a refined level failed or has no value, the result has a table, but no value. Else the
-    uncertainty is the uncertainty of the refined levels, plus three times each error that they
-    do not show.
+    If a refined level failed or has no value, the result has a table, but no value.
 
     Parameters
     ----------
     rows
         Rows of the refined levels, coarse to fine.
     more
-        Rows of the levels that show other errors. A failed one is left out.
+        Rows of the runs for other errors. A failed one is left out.
     """
-    space_order, time_order = opened.orders(quantity)
-    theory = time_order if refine == "dt" else space_order
+    space_order, time_order = problem.orders(quantity)
     described: dict[str, Any] = {  # the fields of the result that say what was studied
         "levels": rows,
         "others": more,
-        "title": opened.name,
+        "title": problem.name,
         "quantity": quantity.text,
         "unit": quantity.unit(rows[0].get("energies", ())),
         "refine": refine,
-        "theory": theory,
+        "theory": time_order if refine == "dt" else space_order,
     }
-    rows = [{**row, "h": _edge(opened, rows[0], row)} for row in rows]
-    if failure := _find_failure(rows):
-        return _make_unknown_result(failure, rows, described)
-    values, judged_numbers = _values_of_levels(quantity, rows)
-    if not np.isfinite(judged_numbers).all():
-        why = f"{quantity.text} has no value on a level"
-        return _make_unknown_result(why, rows, described)
-    sizes = [row["step"] if refine == "dt" else row["h"] for row in rows]
-    estimate = estimate_uncertainty(sizes, judged_numbers, theory)
-    least_error = 0.0
-    if estimate.behaviour not in ("monotone", "constant"):
-        # Such values have no limit but the finest one, whose error would then be 0.
-        least_error = estimate.uncertainty / UNSAFE
-    name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")
-    own_share = {name: max(abs(estimate.value - estimate.limit), least_error)}
+    sizes = [_sizes_of(row, rows[0]) for row in rows]
+    rows = [with_values(row, [quantity]) for row in rows]
+    failure = _find_failure(rows)
+    if not failure:
+        records = [record_at(row, quantity) for row in rows]
+        values = [row["values"][quantity.text] for row in rows]
+        judged_numbers = (
+            values if is_number(quantity, records[0]) else _distances(quantity, records)
+        )
+        if not np.isfinite(judged_numbers).all():
+            failure = f"{quantity.text} has no value on a level"
+    if failure:
+        cells = [row_of_run(row, size, {}) for row, size in zip(rows, sizes, strict=True)]
+        return Convergence(verdict=f"not known: {failure}", table=Table(tuple(cells)), **described)
     finished = [row for row in more if row["status"] == OK]
-    first_record = record_at(rows[0], quantity)
-    changes = []  # of the quantity, by each of the other refinements
-    for row in finished:
-        changes.append(difference_of(quantity, first_record, record_at(row, quantity)))
-    other_errors = other_shares(refine, (space_order, time_order), rows[0], finished, changes)
-    uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in other_errors.values())
-    obstacles = []
-    if refine != "dt":  # they are obstacles to convergence in h
-        obstacles = list(rows[-1]["obstacles"])
-    wrinkles = (doubt for doubt in doubts_of(rows[-1]) if doubt.kind is DoubtKind.WRINKLES)
-    doubt = next(wrinkles, None)
-    size = abs(values[-1])
-    converges, verdict = judge(estimate, sizes, judged_numbers, obstacles, size, doubt)
-    value_words = with_uncertainty(values[-1], uncertainty, described["unit"])
+    changes = [difference_of(quantity, records[0], record_at(row, quantity)) for row in finished]
+    others = other_shares(rows[0], finished, changes, space_order)
+    refined_sizes = [size["dt" if refine == "dt" else "h"] for size in sizes]
+    limit = Limit.of(refined_sizes, judged_numbers, described["theory"], refine, others)
+    doubts = doubts_of(rows[-1])
+    converges, verdict = judge(
+        limit.estimate,
+        judged_numbers,
+        obstacles=[] if refine == "dt" else rows[-1]["obstacles"],  # to convergence in h
+        size=abs(values[-1]),
+        doubt=next((doubt for doubt in doubts if doubt.kind is DoubtKind.WRINKLES), None),
+    )
+    value_words = with_uncertainty(values[-1], limit.uncertainty, described["unit"])
     answer = f"{quantity.text} = {value_words}"
-    errors = [max(abs(number - estimate.limit), least_error) for number in judged_numbers]
-    shares = own_share | other_errors
+    errors = limit.errors(judged_numbers)
+    cells = []
+    for row, size, value, error in zip(rows, sizes, values, errors, strict=True):
+        cells.append(row_of_run(row, size, {"value": value, "error": error}))
     return Convergence(
         verdict=f"{verdict}: {answer}" if converges else f"{verdict}\nFinest level: {answer}",
-        table=_make_table(rows, values, errors),
+        table=Table(tuple(cells)),
         value=values[-1],
-        uncertainty=uncertainty,
+        uncertainty=limit.uncertainty,
         # the limit of differences between levels is no limit of the quantity
-        limit=estimate.limit if judged_numbers is values else math.nan,
-        order=estimate.order,
+        limit=limit.estimate.limit if judged_numbers is values else math.nan,
+        order=limit.estimate.order,
         converges=converges,
-        shares=shares,
-        estimate=estimate,
-        remarks=tuple(_remarks(rows, shares)),
+        shares=limit.shares,
+        estimate=limit.estimate,
+        doubts=tuple(doubts),
+        remarks=tuple(_remarks(rows[-1], limit.shares)),
         **described,
     )
-
-
-def _make_unknown_result(why: str, rows: Sequence[Mapping], described: Mapping) -> Convergence:
-    """Return a result without a value, whose verdict says `why` there is none.
-
-    `described` are the fields of the result that say what was studied.
-    """
-    table = Table(tuple(map(_table_row, rows)))
-    return Convergence(verdict=f"not known: {why}", table=table, **described)
-
-
-def _make_table(rows: Sequence[Mapping], values: Sequence[float], errors: Sequence[float]) -> Table:
-    """Return a table of levels with the value and the error of each."""
-    table_rows = []
-    for row, value, error in zip(rows, values, errors, strict=True):
-        table_rows.append(_table_row(row) | {"value": value, "error": error})
-    return Table(tuple(table_rows))
 
 
 def _find_failure(rows: Sequence[Mapping]) -> str:
@@ -181,25 +304,18 @@ def _find_failure(rows: Sequence[Mapping]) -> str:
     failed = [row for row in rows if row["status"] != OK]
     if not failed:
         return ""
-    cause = failed[0]["status"]
-    if failed[0]["cause"]:
-        cause = failed[0]["cause"].splitlines()[0]
+    cause = (failed[0]["cause"] or failed[0]["status"]).splitlines()[0]
     return f"{len(failed)} of {len(rows)} levels failed; the first: {cause}"
 
 
-def _values_of_levels(quantity: Quantity, rows: Sequence[Mapping]) -> tuple[list, list]:
-    """Return two lists with an item for each level: the values, and the numbers that are judged.
+def _distances(quantity: Quantity, records: Sequence[RunRecord]) -> list[float]:
+    """Return the numbers by which a field, path or vector is judged, one for each level.
 
-    The judged numbers are the values themselves. But of a field, path or vector the number of a
-    level is the sum of the differences between successive levels, from this level to the finest
-    one: it falls with the same order as the error.
+    The number of a level is the sum of the differences between successive levels, from this
+    level to the finest one: it falls with the same order as the error.
     """
-    records = [record_at(row, quantity) for row in rows]
-    values = [value_of(quantity, record) for record in records]
-    if is_number(quantity, records[0]):
-        return values, values
     changes = [difference_of(quantity, coarse, fine) for coarse, fine in pairwise(records)]
-    return values, [sum(changes[k:]) for k in range(len(records))]
+    return [sum(changes[k:]) for k in range(len(records))]
 
 
 def is_number(quantity: Quantity, record: RunRecord) -> bool:
@@ -209,120 +325,48 @@ def is_number(quantity: Quantity, record: RunRecord) -> bool:
     return quantity.how != "value" or record.column(quantity).shape[1] == 1
 
 
-def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
-    """Return h of a level: h of the first level times the ratio of √(mean triangle area).
+def _sizes_of(row: Mapping, first: Mapping) -> dict[str, Any]:
+    """Return h of a level, and dt if it has steps in time.
 
-    A failed level has its nominal h.
+    h is h of the first level times the ratio of √(mean triangle area). A level that failed has
+    its nominal sizes.
     """
-    if "edge" not in row or "edge" not in first:
-        return row["point"].refined.h
-    return (opened.h or first["edge"]) * row["edge"] / first["edge"]
+    problem = row["problem"]
+    sizes = {"h": problem.h, "dt": row.get("step", problem.dt)}
+    if "edge" in row and "edge" in first:
+        sizes["h"] = (first["problem"].h or first["edge"]) * row["edge"] / first["edge"]
+    if problem.is_static or math.isnan(sizes["dt"] or 0.0):
+        del sizes["dt"]
+    return sizes
 
 
-def other_shares(
-    refine: str,
-    orders: tuple[float, float],
-    first: Mapping,
-    more: Sequence[Mapping],
-    changes: Sequence[float],
-) -> dict[str, float]:
-    """Return the estimated errors that the refined levels do not show, by their names.
+def _remarks(finest: Mapping, shares: Mapping[str, float]) -> list[str]:
+    """Return sentences on which error is larger than the error of what was refined.
 
-    An error ∝ s^p of the first level changes by the share 1 − r^−p of itself if the size s is
-    divided by r. So the error is the change of the quantity divided by this share.
+    They also say that an error in time is not in the uncertainty.
 
     Parameters
     ----------
-    refine
-        "h", "dt" or "both": what the refined levels divide.
-    orders
-        Theoretical orders in h and in dt.
-    first
-        Row of the first level.
-    more, changes
-        Rows of the levels that show other errors, and how far each is from the first level.
-    """
-    space_order, time_order = orders
-    errors = {}
-    for row, change in zip(more, changes, strict=True):
-        level = row["point"].level
-        if (level.sharper or 1.0) > 1:
-            errors["solver"] = change  # a hundredth of the tolerance leaves nearly no error
-        elif level.gap > 1:
-            errors["gap"] = change / (1 - 1 / level.gap)  # of first order
-        elif level.rtol > 1:
-            errors["time step"] = change / (1 - RTOL_RATIO**-RTOL_ORDER)
-        elif refine == "h":  # then the other level halves dt
-            errors["time step"] = change / (1 - 2.0**-time_order)
-        else:  # the ratio of edge lengths as meshed
-            ratio = first["edge"] / row["edge"]
-            errors["mesh"] = change / (1 - ratio**-space_order)
-    return errors
-
-
-def _table_row(row: Mapping) -> dict:
-    """Return the cells of a level that the table shows, without its value and error.
-
-    A failed level has its nominal step, and its status.
-    """
-    cells = {"h": row["h"]}
-    dt = row["step"] if "step" in row else _nominal_step(row)
-    if dt is None or math.isfinite(dt):
-        cells["dt"] = dt
-    for name in ("triangles", "steps", "newton", "cpu_seconds"):
-        cells[name] = row.get(name)
-    if row["status"] != OK:
-        cells["status"] = row["status"]
-    return cells
-
-
-def _nominal_step(row: Mapping) -> float | None:
-    """Return the step of a level that failed [s]; None where there is no fixed step."""
-    problem = row["point"].problem
-    if problem.is_static or not problem.first.steps.dt:
-        return None
-    return problem.first.steps.dt / row["point"].level.dt
-
-
-def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
-    """Return sentences on what a reader should know of the errors and of the runs.
-
-    They say which error is larger than the error of what was refined, that an error in time is
-    not in the uncertainty, and how many warnings there were.
-
-    Parameters
-    ----------
-    rows
-        Rows of the refined levels, coarse to fine.
+    finest
+        Row of the finest level.
     shares
         The parts of the error by their names; the first one is of what was refined.
     """
     lines = []
-    refined_part, *other_parts = shares
-    for other_part in other_parts:
-        if shares[other_part] > shares[refined_part]:
-            remedy = "refine it too"
-            if other_part == "gap":
-                remedy = "take a smaller gap"
+    refined, *others = shares
+    for name in others:
+        if shares[name] > shares[refined]:
+            remedy = "take a smaller gap" if name == "gap" else "refine it too"
             lines.append(
-                f"The {other_part} contributes more than the {refined_part} that was refined: "
-                f"{remedy}."
+                f"The {name} contributes more than the {refined} that was refined: {remedy}."
             )
     # the name of the share may also be "mesh and time step"
-    if "time step" not in " ".join(shares) and rows[-1]["time_order"]:
-        estimated = rows[-1]["time_error"]
+    if "time step" not in " ".join(shares) and finest["time_order"]:
         size = "not at all"
-        if estimated >= 0:
-            size = f"at {100 * estimated:.2g} % of the motion"
+        if finest["time_error"] >= 0:
+            size = f"at {100 * finest['time_error']:.2g} % of the motion"
         lines.append(
             f"The finest run estimates its error in time {size}: the uncertainty does not "
             "contain it."
         )
-    doubts = [doubt for row in rows for doubt in doubts_of(row)]
-    if doubts:
-        if len(doubts) == 1:
-            words = "1 warning"
-        else:
-            words = f"{len(doubts)} warnings; the first"
-        lines.append(f"The runs gave {words}: {doubts[0]}")
     return lines

@@ -88,8 +88,8 @@ class Run:
         A function of the problem and the arguments, at the top of a module; it returns cells.
     arguments
         Its other arguments.
-    size
-        How much longer the run takes than the estimate of its problem.
+    own_work
+        The estimated size of the run, where it is not the size of its problem.
     """
 
     problem: StudyProblem
@@ -97,7 +97,7 @@ class Run:
     cells: Mapping[str, Any] = field(default_factory=dict)
     function: Callable[..., dict] = measure_problem
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    size: float = 1.0
+    own_work: Work | None = None
 
     @cached_property
     def case(self) -> dict | None:
@@ -118,12 +118,12 @@ class Run:
     @property
     def work(self) -> Work:
         """The estimated size of the run."""
-        return self.problem.work
+        return self.own_work or self.problem.work
 
     @property
     def seconds(self) -> float:
         """The estimated time [s], see `Work.seconds`."""
-        return self.size * self.work.seconds
+        return self.work.seconds
 
 
 Row = dict[str, Any]
@@ -241,8 +241,8 @@ def _run_here(runs: Sequence[Run], how: Runs) -> list[dict]:
 def announce(runs: Iterable[Run | Mapping], how: Runs, stages: int = 1) -> None:
     """Print the size of a study before its first case, and refuse one that takes far too long.
 
-    The line has the number of cases, of triangles and of steps, the number of `stages` of the
-    study, and the order of magnitude of the time, with start, meshing and compilation. Raise
+    The line has the number of cases, of triangles and of steps, the number of `stages` that the
+    study has at most, and the order of magnitude of the time, with start, meshing and compilation. Raise
     `InputError` if that is above `how.most_seconds`.
     """
     to_run = [run for run in runs if isinstance(run, Run)]
@@ -254,7 +254,7 @@ def announce(runs: Iterable[Run | Mapping], how: Runs, stages: int = 1) -> None:
     most_steps = max(run.work.steps for run in to_run)
     count = amount(len(to_run), "case")
     if stages > 1:
-        count = f"{amount(stages, 'stage')}, the first of {count}"
+        count = f"at most {amount(stages, 'stage')}, the first of {count}"
     size = f"{count}, up to {largest.triangles:,.0f} triangles × {most_steps:,.0f} {largest.unit}"
     print(f"{size}; it may take {in_magnitude(seconds)}", file=sys.stderr, flush=True)
     if how.most_seconds is not None and seconds > how.most_seconds:

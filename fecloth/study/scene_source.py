@@ -63,6 +63,8 @@ class SceneSource:
 
     kind: ClassVar[str] = "scene"
     usual_variations: ClassVar[tuple[str, ...]] = ("method", "element", "pattern")
+    tells_method: ClassVar[bool] = True  # before a set-up is made
+    missing: ClassVar[tuple[str, ...]] = ()  # all values of a scene are known
     is_importable: ClassVar[bool] = True  # other processes can read its tables
     keys: ClassVar[Mapping[str, str]] = {
         "h": "cloth.h",
@@ -79,6 +81,17 @@ class SceneSource:
     def tables(self) -> dict:
         """The tables of the scene, with all defaults and absolute paths."""
         return self.scene.to_tables()
+
+    @property
+    def h(self) -> float | None:
+        """Edge length [m]; None where there is none to refine."""
+        return self.tables["cloth"].get("h")
+
+    @property
+    def dt(self) -> float | None:
+        """Fixed step [s]; None where there is none."""
+        dt = self.tables.get("time", {}).get("dt", "auto")
+        return None if dt == "auto" else dt
 
     @property
     def probes(self) -> tuple[str, ...]:
@@ -277,6 +290,11 @@ class SceneSource:
         makes another case.
         """
         return cls(scene_of(tables, trust_geo), "scene")
+
+    def has_shape_of(self, other: "SceneSource") -> bool:
+        """Whether the meshes differ in h alone, so that the number of triangles follows from h."""
+        cloth, other_cloth = self.tables["cloth"], other.tables["cloth"]
+        return {**cloth, "h": None} == {**other_cloth, "h": None}
 
     def count_triangles(self) -> float:
         """Estimate the number of triangles from area and h, without gradings or the mesh."""

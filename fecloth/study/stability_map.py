@@ -1,7 +1,10 @@
 """`stability`: where each method fails, over the step and the values of any key."""
 
+import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -9,17 +12,23 @@ from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
-from fecloth.study import stability_words, variants
-from fecloth.study.change import describe_values
-from fecloth.study.chart_grid import known_names
-from fecloth.study.figures import MOST_GROUPS, Figure
+from fecloth.study.figures import COLUMNS, MOST_GROUPS, Figure, new_figure
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult, Table
-from fecloth.study.run_problems import Task, print_warnings, refuse_huge
-from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
-from fecloth.study.stability_words import JUDGED, WRONG, draw_map, range_of
-from fecloth.study.status import FAILED, OK, REFUSED
+from fecloth.study.run_table import row_of_run
+from fecloth.study.runs import Run, print_doubts, refuse_huge
+from fecloth.study.scene_source import describe_values
+from fecloth.study.stability_runs import (
+    ALL_METHODS,
+    JUDGED,
+    WRONG,
+    Range,
+    list_runs,
+    range_of,
+    search,
+)
+from fecloth.study.status import FAILED, OK
+from fecloth.study.variants import combine, known_names, plan, read_ranges
 
 LONGEST_CASE = 120.0  # usual limit of the CPU time of a run [s]
 
@@ -74,10 +83,8 @@ class StabilityMap(StudyResult):
         # such a run, as one above the time limit, neither holds nor fails
         if stopped_runs := [row for row in self.cells if row["status"] not in JUDGED]:
             words = f"{stopped_runs[0]['status']}: {stopped_runs[0]['cause']}"
-            count = "1 run says"
-            if len(stopped_runs) > 1:
-                count = f"{len(stopped_runs)} runs say"
-            lines.append(f"{count} nothing about the step; the first: {words}")
+            count = errors.amount(len(stopped_runs), "run")
+            lines.append(f"Nothing about the step from {count}; the first: {words}")
         if len(self.methods) > MOST_GROUPS:
             lines.append(f"The figure shows the first {MOST_GROUPS} methods, the table all.")
         return lines
@@ -106,9 +113,11 @@ def stability(
 
     System, start and time come from the problem; its own method and step are not used. Each
     method takes its defaults. Implicit ones take 8, 16, … 256 steps; explicit ones six steps
-    within 2.8 and 0.35 times their predicted limit, `critical_dt` at the start. A measured
-    limit is a range: 12 % wide where the prediction is right and the run has 100 steps
-    (shorter ones show growth less), else a factor of two at most.
+    within 2.8 and 0.35 times their predicted limit, `critical_dt` at the start. Where the
+    shortest step does not hold, half of it runs, and so on up to six times, unless it would
+    take longer than the time limit of a case; where the longest one does not fail, twice of it,
+    down to a single step. A measured limit is a range: 12 % wide where the prediction is right
+    and the run has 100 steps (shorter ones show growth less), else a factor of two at most.
 
     A run is "ok"; "failed" if a step failed, with the cause; or "wrong": it reached the end, but
     made more than 5 % of the energy that moved, or warned, as of a large error in time. Raises
@@ -133,105 +142,235 @@ def stability(
     allowed = f"must be names of {', '.join(ALL_METHODS)}"
     if isinstance(names, str) or not names:
         raise InputError(f"methods = {names!r}", allowed, "stability")
-    chosen_methods = known_names(
-        "method", names, known=ALL_METHODS, allowed=allowed, where="stability"
-    )
-    ranges: dict[str, list] = {}
-    if over:
-        ranges = variants.read_ranges(over)
-    combinations = variants.combine(ranges)
+    chosen_methods = known_names("method", names, ALL_METHODS, allowed, "stability")
+    ranges = read_ranges(over) if over else {}
+    combinations = combine(ranges)
     study = open_study(problem, shared)
-    opened = variants.with_first_values(study.problem, ranges)
-    runs = study.runs(LONGEST_CASE)
-    refuse_huge(opened, runs)
-    doubts = print_warnings(opened)
-    tried_combinations, tasks, refused_cells = _list_tasks(opened, combinations, chosen_methods)
-    cells = run_all(tasks, runs) + refused_cells
-    rows = [
-        _table_row(method, values, cells) for method in chosen_methods for values in combinations
+    opened = study.problem.completed(combinations[0])
+    how = study.runs(LONGEST_CASE)
+    refuse_huge(opened, how)
+    doubts = print_doubts(opened)
+
+    def make(values: dict) -> list[Run]:
+        return list_runs(opened.at(values), values, chosen_methods)
+
+    planned = plan(make, combinations)
+    rows = search([run for run in chain(*planned) if isinstance(run, Run)], how)
+    for values, (first, *_) in zip(combinations, planned, strict=True):
+        if not isinstance(first, Run):  # a row with the reason, for each method
+            unknown = {"values": values, "dt": None, "steps": None, "predicted": None}
+            rows += [{"method": method, **unknown, **first} for method in chosen_methods]
+    maps = [
+        (method, values, [r for r in rows if (r["method"], r["values"]) == (method, values)])
+        for method in chosen_methods
+        for values in combinations
     ]
     return StabilityMap(
         title=opened.name,
         doubts=doubts,
-        verdict=_verdict(tried_combinations, chosen_methods, cells),
-        table=Table(tuple(rows)),
+        verdict=_verdict(maps),
+        table=Table(tuple(_table_row(*of_method) for of_method in maps)),
         keys=tuple(ranges),
         methods=tuple(chosen_methods),
-        cells=Table(tuple(cells)),
+        cells=Table(tuple(map(_cells_of, rows))),
     )
 
 
-def _list_tasks(
-    opened: Problem, combinations: Sequence[dict], methods: Sequence[str]
-) -> tuple[list[dict], list[Task], list[dict]]:
-    """Return the combinations of values that run, all their runs, and the cells of the others.
-
-    A combination that the problem refuses does not run: its cells, one for each method, have the
-    reason. Raise `InputError` if all combinations are refused.
-    """
-    runs_of_combinations = variants.make_or_refuse(
-        lambda values: list_runs(values, variants.vary(opened, values), methods), combinations
-    )
-    tried_combinations = []
-    tasks: list[Task] = []
-    refused_cells = []
-    for values, runs_or_refusal in zip(combinations, runs_of_combinations, strict=True):
-        if isinstance(runs_or_refusal, list):
-            tried_combinations.append(values)
-            tasks += runs_or_refusal
-            continue
-        for method in methods:
-            cell = {"method": method, **values, "dt": None, "steps": None}
-            refused_cells.append({**cell, **runs_or_refusal, "predicted": None})
-    return tried_combinations, tasks, refused_cells
+def _cells_of(row: Mapping) -> dict[str, Any]:
+    """Return the cells of a run in runs.csv."""
+    settings = {"method": row["method"], **row["values"], "dt": row["dt"], "steps": row["steps"]}
+    results = {"cause": row["cause"], "energy made": row.get("made"), "predicted": row["predicted"]}
+    return row_of_run(row, settings, results)
 
 
-def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Mapping]:
-    """Return the cells of the runs of a method with a combination of values."""
-    settings = {"method": method, **values}
-    return [cell for cell in cells if all(cell[key] == value for key, value in settings.items())]
-
-
-def _table_row(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
+def _table_row(method: str, values: Mapping, rows: Sequence[Mapping]) -> dict:
     """Return the row of the table for a method with a combination of values.
 
     It has the measured limit as a range, the predicted limit, and what happens with the next
-    longer step. `cells` are the rows of all runs.
+    longer step. `rows` are the rows of its runs.
     """
-    own_cells = _cells_of(method, values, cells)
-    measured_range = range_of(own_cells)
-    predicted = own_cells[0]["predicted"]  # the same in all of them
-    next_step = ""
-    for cell in own_cells:
-        # the second dt of the measured range is the shortest step that does not hold
-        if cell["dt"] == measured_range[1] and cell["status"] in (WRONG, FAILED):
-            next_step = f"{cell['status']}: {stability_words.shorten(cell['cause'])}"
-            break
-    if own_cells[0]["status"] == REFUSED:  # as of a combination that the problem refuses
-        next_step = f"{REFUSED}: {own_cells[0]['cause']}"
+    low, high = range_of(rows)
+    predicted = rows[0]["predicted"]  # the same in all of them
+    words = ""
+    for row in rows:
+        # the shortest step that does not hold; a refused combination has none
+        if row["dt"] in (high, None):
+            cause = row["cause"] if row["dt"] is None else shorten(row["cause"])
+            words = f"{row['status']}: {cause}"
     return {
         "method": method,
         **values,
-        "longest step": stability_words.describe_range(measured_range),
-        "does not fail up to": stability_words.describe_range(range_of(own_cells, (OK, WRONG))),
-        "predicted limit": stability_words.describe_limit(predicted),
-        "measured over predicted": stability_words.describe_ratio(measured_range, predicted),
-        "next step": next_step,
+        "longest step": describe_range((low, high)),
+        "does not fail up to": describe_range(range_of(rows, (OK, WRONG))),
+        "predicted limit": describe_limit(predicted),
+        "measured over predicted": describe_ratio((low, high), predicted),
+        "next step": words,
     }
 
 
-def _verdict(combinations: Sequence[Mapping], methods: Sequence[str], cells: Sequence) -> str:
-    """Return which method holds the longest step, on a line for each combination of values.
+def _verdict(maps: Sequence[tuple[str, Mapping, Sequence[Mapping]]]) -> str:
+    """Return which methods hold the longest step, on a line for each combination of values.
 
-    If it is the same for all combinations, there is only one line.
+    If it is the same for all combinations, there is only one line. `maps` has the method, the
+    values and the rows of each range.
     """
-    best_of_values = {}
-    for values in combinations:
-        ranges = {method: range_of(_cells_of(method, values, cells)) for method in methods}
-        best_of_values[describe_values(values)] = stability_words.describe_best(ranges)
-    if len(set(best_of_values.values())) == 1:
-        (best,) = set(best_of_values.values())
-        if len(best_of_values) == 1:
-            return best
-        return f"at every value {best}"
-    return "\n".join(f"{name}: {best}" for name, best in best_of_values.items())
+    ranges: dict[str, dict[str, Range]] = {}
+    for method, values, rows in maps:
+        if any(row["dt"] for row in rows):  # not refused
+            ranges.setdefault(describe_values(values), {})[method] = range_of(rows)
+    best = {name: describe_best(of_methods) for name, of_methods in ranges.items()}
+    if len(set(best.values())) == 1:
+        (words,) = set(best.values())
+        return words if len(best) == 1 else f"at every value {words}"
+    return "\n".join(f"{name}: {words}" for name, words in best.items())
+
+
+def describe_best(ranges: Mapping[str, Range]) -> str:
+    """Return a sentence on which methods hold the longest step.
+
+    `ranges` are the ranges of `range_of` by the name of the method. Methods tie if their ranges
+    overlap: then the measured limits may be the same.
+    """
+    longest = max(low for low, _ in ranges.values())
+    if longest == 0.0:
+        return "no method holds at a step that was tried"
+    # 1e-9 is for round-off: steps of two methods that should be equal may differ by it
+    best = {
+        name: high
+        for name, (low, high) in ranges.items()
+        if low > 0.0 and high > longest * (1 + 1e-9)
+    }
+    *others, last = best
+    names = f"{', '.join(others)} and {last} hold" if others else f"{last} holds"
+    return f"{names} the longest step, {describe_range((longest, max(best.values())))}"
+
+
+def describe_range(longest: Range) -> str:
+    """Return a range of steps in words, as "1.2–1.3 ms".
+
+    Without a step that holds it is as "< 1.3 ms", without one that does not hold as "≥ 1.2 ms".
+    """
+    low, high = longest
+    if low == 0.0:
+        return "not known" if math.isinf(high) else f"< {in_seconds(high)}"
+    if math.isinf(high):
+        return f"≥ {in_seconds(low)}"
+    number, unit = _scaled(high)
+    return f"{low * number / high:.3g}–{number:.3g} {unit}"
+
+
+def describe_ratio(longest: Range, predicted: float | None) -> str:
+    """Return the measured range over the predicted limit in words, as "0.94–1.1".
+
+    Return "" without a predicted limit above 0, or without both ends of the range.
+    """
+    low, high = longest
+    if not predicted or math.isinf(predicted) or low == 0.0 or math.isinf(high):
+        return ""
+    return f"{low / predicted:.2g}–{high / predicted:.2g}"
+
+
+def describe_limit(predicted: float | None) -> str:
+    """Return a predicted limit [s] in words; None is not known, infinite is none."""
+    if predicted is None:
+        return "not known"
+    return "none" if math.isinf(predicted) else in_seconds(predicted)
+
+
+def shorten(cause: str) -> str:
+    """Return the cause of a failure or a warning without its numbers of steps and its advice."""
+    if "the method has made the rest" in cause:
+        return "the method makes energy"
+    words = cause.partition(" failed: ")[2] or cause
+    for end in (", where", "; ", ": ", " (", ". "):
+        words = words.partition(end)[0]
+    return words
+
+
+def in_seconds(dt: float) -> str:
+    """Return a time with its unit, to three digits."""
+    number, unit = _scaled(dt)
+    return f"{number:.3g} {unit}"
+
+
+def _scaled(dt: float) -> tuple[float, str]:
+    """Return a time in the largest unit in which it is at least 1, and the unit."""
+    for unit, factor in (("s", 1.0), ("ms", 1e3)):
+        if dt * factor >= 1 - 1e-9:
+            return dt * factor, unit
+    return dt * 1e6, "µs"
+
+
+LOOKS: dict[str, dict[str, Any]] = {
+    OK: {"marker": "o", "color": "#0072B2"},
+    WRONG: {"marker": "^", "color": "#E69F00"},
+    FAILED: {"marker": "X", "color": "#D55E00"},
+    "stopped": {"marker": "s", "color": "0.6", "mfc": "none"},
+}
+LIMIT: dict[str, Any] = {"color": "black", "lw": 2, "marker": "_", "label": "predicted limit"}
+
+
+def draw_map(stability: StabilityMap) -> Figure:
+    """Draw the runs of a map: dt of each run over the values of the varied keys.
+
+    There is a panel for each of the first eight methods. Marks show how a run ended; the line
+    is the predicted limit of explicit methods.
+    """
+    methods = stability.methods[:MOST_GROUPS]
+    columns = min(COLUMNS, len(methods))
+    rows = math.ceil(len(methods) / columns)
+    size = max(2.9 * columns, 6.0), 3.1 * rows + 1.1
+    drawing, axes = new_figure(rows, columns, size, squeeze=False, sharex=True, sharey=True)
+    cells = [row for row in stability.cells if row["dt"]]
+    values = [tuple(row[key] for key in stability.keys) for row in cells]
+    lines = {}  # a line of any panel, by its label
+    for ax, method in zip(axes.ravel(), methods, strict=False):  # more panels may be left over
+        runs = [
+            (_place(v), row)
+            for v, row in zip(values, cells, strict=True)
+            if row["method"] == method
+        ]
+        lines |= _draw_runs(ax, runs)
+        ax.set_title(method.replace("_", " "), fontsize=11)
+    for ax in axes.ravel()[len(methods) :]:
+        ax.set_axis_off()
+    first_panel = axes[0, 0]  # all panels share its axes
+    first_panel.set(yscale="log")
+    if isinstance(_place(values[0]), float):
+        first_panel.set(xscale="log")
+    drawing.supylabel("time step [s]")
+    drawing.supxlabel(", ".join(stability.keys))
+    drawing.legend(lines.values(), lines, loc="outside upper center", ncols=5, frameon=False)
+    return drawing
+
+
+def _place(values: tuple) -> float | str:
+    """Return the place of a combination of values on the axis.
+
+    It is the value of the only key, if that is a number above 0, else a text.
+    """
+    if len(values) == 1 and isinstance(values[0], int | float) and values[0] > 0:
+        return float(values[0])
+    return ", ".join(map(str, values))
+
+
+def _draw_runs(ax, runs: Sequence[tuple[float | str, Mapping]]) -> dict[str, Any]:
+    """Draw the runs of a method at their places, and the predicted limit.
+
+    A limit that is not known, 0 or infinite is not drawn. Return the lines by their labels.
+    """
+    points = defaultdict(list)
+    limits = {}
+    for place, row in runs:
+        label = row["status"] if row["status"] in JUDGED else "stopped"
+        points[label].append((place, row["dt"]))
+        if row["predicted"] and math.isfinite(row["predicted"]):
+            limits[place] = row["predicted"]
+    lines = {}
+    for label, look in LOOKS.items():
+        if points[label]:
+            (lines[label],) = ax.plot(*zip(*points[label], strict=True), ls="", ms=7, **look)
+    if limits:
+        (line,) = ax.plot(*zip(*limits.items(), strict=True), **LIMIT)
+        lines[line.get_label()] = line
+    return lines

@@ -1,8 +1,8 @@
 """The runs of a stability map: a problem with each method and with steps from long to short."""
 
 import math
-import sys
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -15,37 +15,31 @@ from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.setup import Setup
 from fecloth.stability.critical_step import critical_dt
-from fecloth.study.change import FIRST_LEVEL, describe_values
-from fecloth.study.measured_runs import measure
-from fecloth.study.problems import Problem
-from fecloth.study.run_problems import Runs, Task, doubts_of, run_tasks
-from fecloth.study.stability_words import WRONG
-from fecloth.study.status import OK
-from fecloth.study.workload import ANYWAY, Workload, check_size
+from fecloth.study.measured_runs import measure_problem
+from fecloth.study.problem import StudyProblem
+from fecloth.study.runs import Row, Run, Runs, announce, doubts_of, run_all
+from fecloth.study.scene_source import describe_values
+from fecloth.study.status import FAILED, OK
+from fecloth.study.work import Work
 
 ALL_METHODS: dict[str, Any] = {**METHODS, **EXPLICIT}
+WRONG = "wrong"  # the run reached its end with energy from nowhere, or with a warning
+JUDGED = (OK, WRONG, FAILED)  # any other run, as one above the time limit, says nothing
 # Energy that the method made over the energy that moved: above it the run is wrong.
 WRONG_ENERGY = 0.05
-# Steps of the runs with an implicit method: from the fewest, doubled, to the most.
+# Steps of the first runs with an implicit method: from the fewest, doubled, to the most.
 FEWEST_STEPS = 8
 MOST_STEPS = 256
-# Steps of the runs with an explicit method over its predicted limit.
+# Steps of the first runs with an explicit method over its predicted limit.
 AROUND = (2**1.5, 2**0.5, 2**-0.5, 2**-1.5)
 # Of two more runs, one with r times the limit and one with 1/r: the least and the largest r.
 CLOSE = (1.06, 2**0.25)
 # Half the logarithm of the growth from round-off to the size of the motion, which shows an
 # unstable mode: e^48 = 7e20.
 GROWTH = 24.0
-MINUTE = 60.0  # predicted time [s]: a map that takes longer says what it can do in this time
+MOST_ROUNDS = 6  # of runs with half of the shortest step or twice the longest one
 SUMS = ("pins", "numerical", "total", "remainder")
-
-
-def span_of(setup: Setup) -> float:
-    """Return the length of the run [s]; raise `InputError` for an equilibrium."""
-    if setup.is_static or setup.t_end is None:
-        remedy = "Give [time] in a scene, t_end to a function's problem."
-        raise InputError("an equilibrium", "has no steps in time", "stability", remedy)
-    return setup.t_end - setup.start.t
+Range = tuple[float, float]  # longest dt that holds, shortest longer one that does not [s]
 
 
 def make_method(name: str) -> Any:
@@ -70,102 +64,108 @@ def counts_of(span: float, predicted: float | None) -> list[int]:
     return list(dict.fromkeys(math.ceil(span / (part * predicted)) for part in parts))
 
 
-def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[str]) -> list[Task]:
-    """Return the runs of a problem with each method, with steps from long to short.
+def list_runs(
+    problem: StudyProblem, values: Mapping[str, object], methods: Sequence[str]
+) -> list[Run]:
+    """Return the first runs of a problem with each method, with steps from long to short.
 
     `values` are the values of the varied keys, which the problem has already; they are for the
     rows and the progress lines. Raise `InputError` for an equilibrium.
     """
-    problem = problem.refined(FIRST_LEVEL)
-    tasks = list[Task]()
+    if problem.is_static:
+        remedy = "Give [time] in a scene, t_end to a function's problem."
+        raise InputError("an equilibrium", "has no steps in time", "stability", remedy)
+    problem = problem.finer(sharper=1.0)
     setup = problem.first
-    span = span_of(problem.first)
+    runs = list[Run]()
     for name in methods:
         limit = None
         with suppress(SolveFailed):  # then the limit is not known
             limit = critical_dt(setup.system, setup.start, make_method(name))
-        for count in counts_of(span, limit):
-            words = [name, amount(count, "step")]
-            if values:
-                words.insert(0, describe_values(values))
-            cells = {"method": name, **values, "dt": span / count, "steps": count}
-            task = Task(
-                run_with,
-                problem,
-                settings={"method": name, "count": count},
-                words=", ".join(words),
-                size=Workload(len(setup.cloth.triangles), count, name in EXPLICIT),
-                cells=cells | {"predicted": limit},
-            )
-            tasks.append(task)
-    return tasks
+        cells = {"method": name, **values, "predicted": limit}
+        counts = counts_of(_span(setup), limit)
+        runs += [_run_of(problem, cells, values, count) for count in counts]
+    return runs
 
 
-def run_all(tasks: Sequence[Task], runs: Runs) -> list[dict]:
-    """Run all tasks of a map, and return a row for each.
+def _run_of(problem: StudyProblem, cells: Mapping, values: Mapping[str, object], count: int) -> Run:
+    """Return the run of a problem with a method and so many steps."""
+    setup = problem.first
+    name = cells["method"]
+    words = [describe_values(values)] * bool(values) + [name, amount(count, "step")]
+    return Run(
+        problem,
+        words=", ".join(words),
+        cells={**cells, "dt": _span(setup) / count, "steps": count, "values": values},
+        function=run_with,
+        arguments={"method": name, "count": count, "energies": list(setup.energies)},
+        own_work=Work(len(setup.cloth.triangles), count, name in EXPLICIT),
+    )
 
-    First print the size of all runs and, if they take more than a minute, which of them take
-    less. Raise `InputError` if they would take longer than `runs.most_seconds`.
+
+def _span(setup: Setup) -> float:
+    """Return the length of the run [s]."""
+    assert setup.t_end is not None
+    return setup.t_end - setup.start.t
+
+
+def search(runs: Sequence[Run], how: Runs) -> list[Row]:
+    """Make the runs, and go on to shorter and longer steps until each method has both ends.
+
+    Return a row for each run, with its status: "ok", "wrong", "failed", or the status of a run
+    that was stopped.
     """
-    offer = offer_less(tasks, runs.jobs)
-    remedy = f"{offer or 'fewer methods or values'}; {ANYWAY}"
-    sizes = [task.size for task in tasks]
-    where = tasks[0].problem.source
-    check_size(sizes, runs.jobs, runs.most_seconds, where, remedy)
-    if offer:
-        print(offer, file=sys.stderr, flush=True)
-    rows = run_tasks(tasks, runs)
-    return [_make_row(task, row) for task, row in zip(tasks, rows, strict=True)]
-
-
-def offer_less(tasks: Sequence[Task], jobs: int) -> str:
-    """Return in words which part of the map takes a minute at most, by the predicted times.
-
-    That may be the fastest methods, or all methods on a coarser mesh. Return "" if the whole map
-    takes a minute at most, or if no part does. `jobs` is the number of processes.
-    """
-    seconds_of = dict.fromkeys((task.settings["method"] for task in tasks), 0.0)
-    for task in tasks:
-        seconds_of[task.settings["method"]] += task.size.seconds / jobs
-    if sum(seconds_of.values()) <= MINUTE:
-        return ""
-    fast_methods = []
-    seconds = 0.0
-    for method in sorted(seconds_of, key=lambda name: seconds_of[name]):
-        seconds += seconds_of[method]
-        if seconds <= MINUTE:
-            fast_methods.append(method)
-    offers = []
-    if fast_methods:
-        offers.append(f"the methods {', '.join(fast_methods)}")
-    h = tasks[0].problem.h
-    for factor in (2, 4, 8, 16):
-        if h and sum(task.size.coarser(factor).seconds for task in tasks) <= MINUTE * jobs:
-            offers.append(f"all methods with h = {factor * h:.3g} m")
+    announce(runs, how, stages=1 + MOST_ROUNDS)
+    rows = list[Row]()
+    for _ in range(1 + MOST_ROUNDS):
+        rows += [judge(row) for row in run_all(runs, how)]
+        runs = list_next_runs(rows, how.time_limit)
+        if not runs:
             break
-    if offers:
-        return f"within a minute: {', or '.join(offers)}"
-    return ""
+    return rows
 
 
-def run_with(problem: Problem, method: str, count: int) -> dict:
+def list_next_runs(rows: Sequence[Row], time_limit: float | None) -> list[Run]:
+    """Return the runs with a shorter or a longer step that would tell an end of a range.
+
+    Half of the shortest step runs if that step does not hold, unless the run would take longer
+    than the time limit [CPU s]. Twice the longest step runs if that step does not fail, down to
+    a single step.
+    """
+    rows_of = defaultdict(list)
+    for row in rows:
+        rows_of[row["problem"], row["method"]].append(row)
+    runs = list[Run]()
+    for (problem, _), own in rows_of.items():
+        by_step = sorted(own, key=lambda row: row["dt"])
+        shortest, longest = by_step[0], by_step[-1]
+        counts = []
+        seconds = 2 * shortest.get("cpu_seconds", 0.0)
+        if shortest["status"] in (WRONG, FAILED) and seconds <= (time_limit or math.inf):
+            counts.append(2 * shortest["steps"])
+        if longest["status"] in (OK, WRONG) and longest["steps"] > 1:
+            counts.append(math.ceil(longest["steps"] / 2))
+        cells = {name: longest[name] for name in ("method", *longest["values"], "predicted")}
+        runs += [_run_of(problem, cells, longest["values"], count) for count in counts]
+    return runs
+
+
+def run_with(
+    problem: StudyProblem, method: str, count: int, energies: Sequence[str]
+) -> dict[str, Any]:
     """Run a problem with a method, named as in a scene, and `count` equal steps.
 
-    Return a row with the energy that the method `made`, over the energy that moved, the first
-    `warning` or "", and the CPU seconds.
+    Return a row with the energy that the method `made`, over the energy that moved, and the
+    `doubts`, size and CPU seconds of the run. `energies` are the names of its energies.
     """
-    setup = problem.setup()
-    steps = FixedStep(make_method(method), span_of(setup) / count)
-    names = setup.energies
-    row = measure(replace(setup, steps=steps, probes=()), names)
-    # A warning that the cloth passes through itself says nothing about the steps.
-    doubts = [doubt for doubt in doubts_of(row) if doubt.kind is not DoubtKind.INTERSECTION]
-    energies = {name: np.array(row["columns"][name]) for name in names if name in row["columns"]}
-    return {
-        "made": energy_made(energies),
-        "warning": str(doubts[0]) if doubts else "",
-        "cpu_seconds": row["cpu_seconds"],
-    }
+
+    def with_method(setup: Setup) -> Setup:
+        return replace(setup, steps=FixedStep(make_method(method), _span(setup) / count), probes=())
+
+    row = measure_problem(problem, energies, change=with_method)
+    columns = {name: np.array(row["columns"][name]) for name in energies if name in row["columns"]}
+    kept = ("doubts", "triangles", "newton", "cpu_seconds", "case_seconds")
+    return {"made": energy_made(columns), **{name: row[name] for name in kept}}
 
 
 def energy_made(energies: Mapping[str, np.ndarray]) -> float:
@@ -189,23 +189,32 @@ def energy_made(energies: Mapping[str, np.ndarray]) -> float:
     return max(0.0, float(made_energy.max() / largest_moved))
 
 
-def _make_row(task: Task, row: Mapping) -> dict:
-    """Return the row of a run in the map, from its task and the row of `run_with`.
+def judge(row: Mapping) -> Row:
+    """Return the row of a run as "wrong" if it made too much energy, or warned.
 
-    Its status is "ok", "wrong", "failed", or the status of a case that was stopped. A run that
-    reached its end is "wrong" if the method made too much energy, or if it warned.
+    A warning that the cloth passes through itself says nothing about the steps.
     """
-    cells = dict(task.cells)
-    predicted = cells.pop("predicted")  # it is the last column
-    cells["status"] = row["status"]
-    cells["cause"] = str(row["cause"]).partition("\n")[0]
-    if row["status"] == OK and row["made"] > WRONG_ENERGY:
-        cells["status"] = WRONG
-        cells["cause"] = f"the method made {row['made']:.2g} of the energy that moved"
-    elif row["status"] == OK and row["warning"]:
-        cells["status"] = WRONG
-        cells["cause"] = row["warning"].partition("\n")[0]
-    cells["energy made"] = row.get("made")
-    cells["cpu_seconds"] = row.get("cpu_seconds")
-    cells["predicted"] = predicted
-    return cells
+    if row["status"] != OK:
+        return {**row, "cause": row["cause"].partition("\n")[0]}
+    doubts = [doubt for doubt in doubts_of(row) if doubt.kind is not DoubtKind.INTERSECTION]
+    if row["made"] > WRONG_ENERGY:
+        cause = f"the method made {row['made']:.2g} of the energy that moved"
+        return {**row, "status": WRONG, "cause": cause}
+    if doubts:
+        return {**row, "status": WRONG, "cause": str(doubts[0]).partition("\n")[0]}
+    return {**row}
+
+
+def range_of(rows: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) -> Range:
+    """Return the longest dt up to which all runs hold, and the next longer one, which does not.
+
+    A run holds if its status is one of `held`. A run that was stopped is left out, because it
+    says nothing. The first dt is 0 if the shortest step does not hold; the second is infinite if
+    all steps hold. If all runs are left out, the range is 0 and infinite. Times are in s.
+    """
+    longest = 0.0
+    for row in sorted((row for row in rows if row["status"] in JUDGED), key=lambda row: row["dt"]):
+        if row["status"] not in held:
+            return longest, row["dt"]
+        longest = row["dt"]
+    return longest, math.inf

@@ -5,12 +5,9 @@ from dataclasses import dataclass, replace
 from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.setup import Setup
 from fecloth.simulation.steps import StepInfo
-from fecloth.study import charts, comparing, converging, sensitivities, stability_map, sweeps
-from fecloth.study.budgeting import budget as budgets
+from fecloth.study import comparing, converging, stability_map, sweeps
 from fecloth.study.modes import Modes, modes
 from fecloth.study.opened import Opened
-from fecloth.study.simplification import simplify
-from fecloth.study.tuning import tune
 from fecloth.system.state import State
 
 
@@ -31,12 +28,7 @@ class Study(Opened):
     converge = converging.converge
     compare = comparing.compare
     sweep = sweeps.sweep
-    chart = charts.chart
     stability = stability_map.stability
-    sensitivity = sensitivities.sensitivity
-    budget = budgets.budget
-    simplify = simplify.simplify
-    tune = tune.tune
 
     def modes(self, *, count: int = 6) -> Modes:
         """Find the `fecloth.modes` of lowest frequency about the start or the equilibrium."""

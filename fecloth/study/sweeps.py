@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +10,15 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
-from fecloth.simulation.quantity_values import value_of
-from fecloth.study import run_problems, variants
-from fecloth.study.change import FIRST_LEVEL, describe_values
 from fecloth.study.figures import Figure, line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
-from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult, Table
-from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
+from fecloth.study.run_table import row_of_run, with_values
+from fecloth.study.runs import Run, print_doubts, refuse_huge
+from fecloth.study.scene_source import describe_values
+from fecloth.study.status import OK, REFUSED
+from fecloth.study.variants import combine, plan, read_ranges, run_planned
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,23 +103,25 @@ def sweep(
     shared
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
     """
-    ranges = variants.read_ranges(over)
-    combinations = variants.combine(ranges)
+    ranges = read_ranges(over)
+    combinations = combine(ranges)
     study = open_study(problem, shared)
-    opened = variants.with_first_values(study.problem, ranges)
-    runs = study.runs()
-    run_problems.refuse_huge(opened, runs)
-    doubts = run_problems.print_warnings(opened)
+    how = study.runs()
+    opened = study.problem.completed(combinations[0])
+    refuse_huge(opened, how)
+    doubts = print_doubts(opened)
     quantities = opened.choose_quantities(quantity)
-    points_or_rows = variants.make_or_refuse(partial(_make_point, opened), combinations)
-    points = [item for item in points_or_rows if isinstance(item, run_problems.Point)]
-    run_problems.check_points(points, runs)
-    rows = run_problems.run_or_skip(points_or_rows, quantities, runs)
+
+    def make(values: dict) -> list[Run]:
+        return [Run(opened.at(values).finer(sharper=1.0), describe_values(values))]
+
+    rows = [row for (row,) in run_planned(plan(make, combinations), quantities, how)]
     if all(row["status"] == REFUSED for row in rows):
         raise InputError(f"every value: {rows[0]['cause']}")
     table_rows = []
     for values, row in zip(combinations, rows, strict=True):
-        table_rows.append(_table_row(values, row, quantities))
+        row = with_values(row, quantities)
+        table_rows.append(row_of_run(row, values, row["values"]))
     table = Table(tuple(table_rows))
     names = next((row["energies"] for row in rows if row["status"] == OK), ())
     return Sweep(
@@ -132,37 +133,6 @@ def sweep(
         quantities=tuple(quantity.text for quantity in quantities),
         units=tuple(quantity.unit(names) for quantity in quantities),
     )
-
-
-def _make_point(opened: Problem, values: dict) -> run_problems.Point:
-    """Return the problem with these values of its keys, to run."""
-    variant = variants.vary(opened, values)
-    size = variants.size_of(opened, variant)
-    return run_problems.Point(variant, FIRST_LEVEL, describe_values(values), size)
-
-
-def _table_row(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:
-    """Return the row of the table: status, values of the keys, quantities and cost of a run.
-
-    Parameters
-    ----------
-    values
-        The values of the varied keys.
-    row
-        The row of the run. If it failed, the table has only its status and cause. A quantity
-        that has no value in this run is left out, and the status says so.
-    """
-    if row["status"] != OK:
-        return {**values, **failure(row["status"], row["cause"])}
-    cells = {"status": OK, **values}
-    for quantity in quantities:
-        try:
-            cells[quantity.text] = value_of(quantity, run_problems.record_at(row, quantity))
-        except InputError as error:  # as where a signal has no period
-            cells |= failure(NO_VALUE, error)
-    for name in ("triangles", "steps", "cpu_seconds"):
-        cells[name] = row[name]
-    return cells
 
 
 def _verdict(table: Table, quantities: Sequence[Quantity]) -> str:

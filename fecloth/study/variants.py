@@ -1,16 +1,16 @@
-"""A problem with all combinations of the values of its keys, and which of them it refuses."""
+"""All combinations of the values of keys, the runs of each, and which of them are refused."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import product
-from typing import Any, TypeVar
+from itertools import chain, islice, product
+from typing import TypeVar
 
 import numpy as np
 
-from fecloth.errors import InputError
-from fecloth.study.change import FIRST_LEVEL, Change, Level, describe_values
-from fecloth.study.problems import Problem, SceneProblem
+from fecloth.errors import InputError, closest, did_you_mean
+from fecloth.simulation.quantity import Quantity
+from fecloth.study.runs import Row, Run, Runs, announce, run_quantities
+from fecloth.study.scene_source import describe_values
 from fecloth.study.status import REFUSED, failure
-from fecloth.study.workload import Workload
 
 SPACINGS: dict[str, Callable] = {"log": np.geomspace, "lin": np.linspace}
 FORM = (
@@ -18,7 +18,7 @@ FORM = (
     '"fabric.bending_rigidity=1e-6:1e-4:log:9" or "time.method=bdf2,newmark"'
 )
 MOST_VALUES = 10_000  # values of a key: more are a slip of the keyboard, and fill the memory
-Made = TypeVar("Made")
+Choice = TypeVar("Choice")
 Over = str | Iterable[str] | Mapping[str, Sequence]
 
 
@@ -85,69 +85,40 @@ def combine(ranges: Mapping[str, Sequence]) -> list[dict]:
     return [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
 
 
-def with_first_values(opened: Problem, ranges: Mapping[str, Sequence]) -> Problem:
-    """Return the problem to vary; a function gets the first value of each key."""
-    if isinstance(opened, SceneProblem):
-        return opened
-    return opened.changed(Change.of({key: values[0] for key, values in ranges.items()}))
+def plan(
+    make: Callable[[Choice], Sequence[Run]], choices: Sequence[Choice]
+) -> list[list[Run | Row]]:
+    """Return the runs that `make` makes of each choice.
 
-
-def vary(opened: Problem, values: Mapping[str, object]) -> Problem:
-    """Return the problem with a combination of values, without its mesh."""
-    if values:
-        return opened.changed(Change.of(values))
-    return opened
-
-
-def make_or_refuse(make: Callable[[Any], Made], values: Iterable) -> list[Made | dict]:
-    """Return what `make` makes of each value, in the order of the values.
-
-    If `make` raises `InputError`, a row (a dict) with the reason takes its place. If all values
-    are refused, raise `InputError`.
+    If `make` raises `InputError`, a row with the reason takes the place of the runs of this
+    choice. If all are refused, raise `InputError`.
     """
-    results = list[Made | dict]()
+    planned = list[list[Run | Row]]()
     refusals = list[InputError]()
-    for value in values:
+    for choice in choices:
         try:
-            results.append(make(value))
+            planned.append([*make(choice)])
         except InputError as error:
             refusals.append(error)
-            results.append(failure(REFUSED, error))
-    if len(refusals) == len(results) == 1:  # of a single value the reason alone is clear
+            planned.append([failure(REFUSED, error)])
+    if len(refusals) == len(planned) == 1:  # of a single choice the reason alone is clear
         raise refusals[0]
-    if len(refusals) == len(results):
+    if len(refusals) == len(planned):
         raise InputError(f"every value: {refusals[0]}")
-    return results
+    return planned
 
 
-def split_refused(made: Mapping[str, Made | dict]) -> tuple[dict[str, Made], dict[str, dict]]:
-    """Return two dicts by name: what was made, and the rows (dicts) of what was refused."""
-    kept = {}
-    refused = {}
-    for name, item in made.items():
-        if isinstance(item, dict):
-            refused[name] = item
-        else:
-            kept[name] = item
-    return kept, refused
+def run_planned(
+    planned: Sequence[Sequence[Run | Row]], quantities: Sequence[Quantity], how: Runs
+) -> list[list[Row]]:
+    """Make all runs of a plan in one list, and return the rows of each choice.
 
-
-def size_of(opened: Problem, variant: Problem) -> Workload:
-    """Predict the size of a variant without its mesh.
-
-    For a function it follows from the size of `opened`, which the variant is made of.
+    First print their size, and refuse what takes far too long; see `announce`.
     """
-    if isinstance(variant, SceneProblem) or isinstance(opened, SceneProblem):
-        return variant.workload(FIRST_LEVEL)
-    level = Level(h=_divide(opened.h, variant.h), dt=_divide(opened.dt, variant.dt))
-    return opened.workload(level)
-
-
-def _divide(before: float | None, now: float | None) -> float:
-    """Return by what a size was divided; 1 where it is not known."""
-    if before and now:
-        return before / now
-    return 1.0
+    runs = list(chain.from_iterable(planned))
+    announce(runs, how)
+    rows = iter(run_quantities(runs, quantities, how))
+    return [list(islice(rows, len(of_choice))) for of_choice in planned]
 
 
 def name_variant(values: Mapping[str, object]) -> str:
@@ -168,3 +139,37 @@ def _name_value(key: str, value: object) -> str:
     if isinstance(value, str):
         return value
     return f"{key.rpartition('.')[2]} = {value}"
+
+
+def known_names(
+    what: str, names: Sequence[str], known: Iterable[str], allowed: str = "", where: str = ""
+) -> list[str]:
+    """Return the names as the scene writes them, each once.
+
+    Capitals and underscores do not count, so that "BDF2" is "bdf2". Raises `InputError` for an
+    unknown name.
+
+    Parameters
+    ----------
+    what
+        What the names are of, for the error: "method", "element" or "model".
+    names
+        Names as the user wrote them.
+    known
+        Names as the scene writes them.
+    allowed, where
+        What the error says is allowed, and where the name stands.
+    """
+    names_of_scene: dict[str, None] = {}  # a dict keeps the order, and each name once
+    for name in names:
+        nearest = closest(name, known)
+        if not nearest or _plain(nearest) != _plain(name):
+            allowed = allowed or f"must be one of {', '.join(known)}"
+            raise InputError(f"{what} {name!r}", allowed, where, did_you_mean(name, known))
+        names_of_scene[nearest] = None
+    return list(names_of_scene)
+
+
+def _plain(name: str) -> str:
+    """Return a name without capitals and underscores."""
+    return str(name).lower().replace("_", "")

@@ -56,7 +56,6 @@ def test_converge_says_what_the_grading_of_a_hanging_cloth_saves(tmp_path):
     uniform, graded = rows[:3], rows[3:]
     assert graded[1]["error"] < uniform[2]["error"]  # of a third of its triangles
     assert graded[1]["triangles"] < 0.4 * uniform[2]["triangles"]
-    assert uniform[0]["triangles"] < graded[0]["uniform_triangles"] < uniform[1]["triangles"]
     assert "The grading saves a factor of" in found.verdict
     assert [one.point for one in found.gradings] == [tuple(CORNER)]
     finest = hanging_l(0.1 / 4, "P1", found.gradings)[0]

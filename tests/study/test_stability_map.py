@@ -11,16 +11,9 @@ from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.study.figures import MOST_GROUPS
-from fecloth.study.opened import open_study
-from fecloth.study.run_problems import Runs
-from fecloth.study.stability_runs import (
-    counts_of,
-    energy_made,
-    list_runs,
-    offer_less,
-    run_all,
-)
-from fecloth.study.stability_words import describe_best, describe_range, range_of
+from fecloth.study.problem import StudyProblem
+from fecloth.study.stability_map import describe_best, describe_range
+from fecloth.study.stability_runs import counts_of, energy_made, list_next_runs, range_of
 
 SCENE = """
 cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25, pattern = "right" }
@@ -74,7 +67,7 @@ def test_the_measured_range_contains_the_limit(scene, tmp_path):
             assert low < limit < high <= width[density] * low
             assert own[0]["predicted"] == pytest.approx(limit, rel=1e-3)
     assert {cell["status"] for cell in found.cells} == {"ok", "failed"}
-    assert "central_difference and symplectic_euler tie at" in found.verdict
+    assert "central_difference and symplectic_euler hold the longest step, " in found.verdict
     assert not found.has_stopped
 
 
@@ -82,7 +75,7 @@ def test_a_function_and_an_implicit_method():
     found = fc.study.stability(sheet, None, ["bdf2", "CentralDifference"], h=0.25, t_end=0.2)
     bdf2, explicit = found.table
     assert bdf2["predicted limit"] == "none"
-    assert bdf2["does not fail up to"] == "≥ 25 ms"
+    assert bdf2["does not fail up to"] == "≥ 200 ms"  # a single step
     assert bdf2["measured over predicted"] == ""
     assert explicit["next step"] == "failed: the method makes energy"
     first, second = found.figure().axes
@@ -97,7 +90,7 @@ def test_a_refused_value_has_a_row_with_its_reason_and_the_others_run(scene, tmp
     assert ["not known" in range_ for range_ in found.table["longest step"]] == [True, False]
     assert ["nowhere" in words for words in found.table["next step"]] == [True, False]
     assert "central_difference holds" in found.verdict
-    assert "1 run says nothing about the step; the first: refused: " in "".join(found.notes())
+    assert "Nothing about the step from 1 run; the first: refused: " in "".join(found.notes())
     assert found.exit_status == 3
     assert found.report(tmp_path).exists()
 
@@ -110,30 +103,42 @@ def test_the_steps_next_to_the_limit_are_as_close_as_growth_is_seen():
         assert listed == [math.ceil(count / part) for part in parts]
 
 
-def test_a_long_map_offers_what_takes_a_minute(scene):
-    scene.write_text(SCENE.replace("h = 0.25", "h = 0.05"))
-    listed = list_runs({}, open_study(scene, {}).problem, ["bdf2", "central_difference"])
-    bdf2, explicit = (
-        sum(run.size.seconds for run in listed if run.settings["method"] == name)
-        for name in ("bdf2", "central_difference")
-    )
-    assert explicit < bdf2
-    many = listed * math.ceil(61 / (bdf2 + explicit))
-    assert offer_less(many, 1) == (
-        "within a minute: the methods central_difference, or all methods with h = 0.1 m"
-    )
-    assert offer_less(many, 2) == ""
-    most = listed * math.ceil(61 / explicit)
-    assert "methods central_difference" not in offer_less(most, 1)
-    with pytest.raises(InputError, match="dt; within a minute: the methods central_difference"):
-        run_all(many, Runs(most_seconds=1.0))
+@pytest.mark.parametrize(
+    ("statuses", "seconds", "counts"),
+    [
+        (("ok", "ok", "ok"), 1.0, [4]),  # the longest step holds
+        (("wrong", "ok", "ok"), 1.0, [4]),  # it is wrong, but does not fail
+        (("failed", "ok", "ok"), 1.0, []),
+        (("failed", "failed", "failed"), 1.0, [64]),  # the shortest step does not hold
+        (("failed", "failed", "wrong"), 4.9, [64]),
+        (("failed", "failed", "wrong"), 5.1, []),  # twice of it is above the time limit
+        (("failed", "failed", "time limit"), 1.0, []),
+    ],
+)
+def test_shorter_and_longer_steps_run_until_both_ends_are_known(statuses, seconds, counts):
+    problem = StudyProblem.of(sheet, h=0.5, t_end=0.2)
+    row = {"problem": problem, "method": "bdf2", "values": {}, "predicted": None}
+    rows = [
+        {**row, "status": status, "steps": steps, "dt": 1 / steps, "cpu_seconds": seconds}
+        for status, steps in zip(statuses, (8, 16, 32), strict=True)
+    ]
+    listed = list_next_runs(rows, 10.0)
+    assert [run.work.steps for run in listed] == counts
+
+
+def test_a_single_step_is_the_longest():
+    problem = StudyProblem.of(sheet, h=0.5, t_end=0.2)
+    row = {"problem": problem, "method": "bdf2", "values": {}, "predicted": None, "status": "ok"}
+    counts = [[run.work.steps for run in list_next_runs([row | {"steps": n, "dt": 1 / n}], None)]
+              for n in (1, 2, 3)]
+    assert counts == [[], [1], [2]]
 
 
 def test_runs_that_were_stopped_say_nothing(scene):
     found = fc.study.stability(scene, None, ["bdf2"], time_limit=1e-9)
     assert found.has_stopped
     assert found.table["longest step"] == ["not known"]
-    assert "6 runs say nothing about the step" in found.notes()[-1]
+    assert "Nothing about the step from 6 runs" in found.notes()[-1]
 
 
 def test_ranges_on_made_up_rows():
@@ -147,9 +152,9 @@ def test_ranges_on_made_up_rows():
 
 def test_ties_on_made_up_ranges():
     open_end = dict.fromkeys(("a", "b", "c"), (0.025, math.inf))
-    assert describe_best(open_end) == "a, b and c tie at ≥ 25 ms, the longest step that was tried"
+    assert describe_best(open_end) == "a, b and c hold the longest step, ≥ 25 ms"
     overlap = {"a": (2e-3, 4e-3), "b": (1.5e-3, 3e-3), "c": (1e-3, 2e-3), "d": (0.0, math.inf)}
-    assert describe_best(overlap) == "a and b tie: their ranges overlap between 1.5 ms and 4 ms"
+    assert describe_best(overlap) == "a and b hold the longest step, 2–4 ms"
     apart = {"a": (2e-3, math.inf), "b": (1e-3, 2e-3)}
     assert describe_best(apart).startswith("a holds the longest step, ≥ 2 ms")
 
