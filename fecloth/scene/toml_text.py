@@ -72,11 +72,11 @@ def to_toml(data: dict) -> str:
 
 
 def without_empty(value):
-    """Return the value without None and empty ones in its tables, with lists for tuples."""
+    """Return the value without None, and without empty values of tables; with lists for tuples."""
     if isinstance(value, dict):
         return {key: without_empty(item) for key, item in value.items() if not _is_empty(item)}
     if isinstance(value, list | tuple):
-        return [without_empty(item) for item in value]
+        return [without_empty(item) for item in value if item is not None]
     return value
 
 
@@ -113,7 +113,8 @@ def with_values(data: dict, values: Mapping[str, Any]) -> dict:
     """Return the tables with other values, by dotted keys as for `override`.
 
     A text is read as after ``key=``, so that "5 ms" is a time and "true" is no text. Any other
-    value is taken as it is. None removes the key. The values are set in their order.
+    value is taken as it is. None marks what `without_empty` removes: a key, or an item of a list.
+    The values are set in their order.
     """
     data = copy.deepcopy(data)
     for key, value in values.items():

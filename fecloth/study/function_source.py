@@ -148,22 +148,27 @@ class FunctionSource:
     def changed(self, values: Mapping[str, Any], name: str = "") -> "FunctionSource":
         """Return the source with other arguments, or other terms.
 
-        The items of lists and tables have keys with dots, as "stiffness.0" and "terms.1.gap".
-        `name` is not used: the errors of a function name its argument. Raise `InputError` for an
-        argument that the function does not take.
+        The items of lists and tables have keys with dots, as "stiffness.0" and "terms.1.gap". A
+        table for a term is always for a term of the system, also where the function has an
+        argument `terms`; None in its place leaves the term out. `name` is not used: the errors of
+        a function name its argument. Raise `InputError` for an argument that the function does
+        not take.
         """
         arguments = dict(self.arguments)
         terms = self.terms
         own_terms = "terms" in inspect.signature(self.function).parameters
         for key, value in values.items():
             first, *items = key.split(".")
-            if first == "terms" and not own_terms:
+            is_table = bool(items) and isinstance(value, Mapping | None)
+            if first == "terms" and (is_table or not own_terms):
                 terms = with_item(terms or self.tables["terms"], items, value)
             else:
                 old = arguments.get(first, self._defaults.get(first))
                 arguments[first] = with_item(old, items, value)
         changed = {key: value for key, value in arguments.items() if key not in SIZES}
         accepted(self.function, changed)  # refuses what the function does not take
+        if terms is not None:
+            terms = [term for term in terms if term is not None]
         return replace(self, arguments=arguments, terms=terms)
 
     @property

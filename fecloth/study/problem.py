@@ -159,8 +159,8 @@ class StudyProblem:
 
         The names of a scene are its keys, written as for --set; the names of a function are its
         arguments. Both have numbers (from 0) for the items of lists: "terms.0.gap". None removes
-        a key of a scene. Raise `InputError` for values that the problem refuses; `name` names the
-        change in its message.
+        a key of a scene, and a term. Raise `InputError` for values that the problem refuses;
+        `name` names the change in its message.
         """
         if not values:
             return self
