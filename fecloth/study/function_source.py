@@ -1,6 +1,7 @@
 """A user's function as a source of set-ups: its arguments by name make a set-up."""
 
 import inspect
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -88,6 +89,11 @@ class FunctionSource:
         return self.t_end
 
     @property
+    def h(self) -> float | None:
+        """Edge length [m]; None where there is none to refine."""
+        return self.arguments.get("h")
+
+    @property
     def has_stable_steps(self) -> bool:
         """Whether the steps follow from the limit of an explicit method."""
         return self.is_explicit and self.first.steps.dt is None
@@ -114,8 +120,8 @@ class FunctionSource:
         """What studies look at, in the form of a scene's tables: cloth, terms, time."""
         first = self.first
         cloth: dict = {"element": first.cloth.element}
-        if self.arguments.get("h") is not None:
-            cloth["h"] = self.arguments["h"]
+        if self.h is not None:
+            cloth["h"] = self.h
         terms = self.terms
         if terms is None:
             terms = [describe_term(term, i) for i, term in enumerate(first.system.terms)]
@@ -214,6 +220,10 @@ class FunctionSource:
         arguments = self._defaults | dict(self.arguments)
         return {name: value for name, value in arguments.items() if name not in SIZES}
 
+    def has_parameter(self, name: str) -> bool:
+        """Whether a name is an argument but h and dt, or an item of such an argument."""
+        return name.partition(".")[0] in self._all_arguments
+
     def is_usual_parameter(self, name: str) -> bool:
         """Whether a number is a parameter if none is named: a whole number may count something."""
         return isinstance(flatten(self._all_arguments)[name], float)
@@ -263,7 +273,7 @@ class FunctionSource:
             "path": file,
             "name": self.function.__name__,
             "digest": source_hash(file) if file else "",
-            "arguments": dict(self.arguments),
+            "arguments": json.loads(json.dumps(dict(self.arguments), default=list)),
             "t_end": self.t_end,
             "probes": probes,
             "terms": self.terms,

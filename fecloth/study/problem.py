@@ -83,7 +83,8 @@ class StudyProblem:
             allowed = "must be a scene, its path, or a function of h and dt"
             raise InputError(f"problem = {problem!r}", allowed)
         source = FunctionSource(problem, t_end=t_end, placed=tuple(probes))
-        return cls(source.changed({**(arguments or {}), "h": h, "dt": dt}))
+        sizes = {name: size for name, size in (("h", h), ("dt", dt)) if size is not None}
+        return cls(source.changed({**(arguments or {}), **sizes}))
 
     # --- what it is ---------------------------------------------------------------------------
 
@@ -105,7 +106,7 @@ class StudyProblem:
     @property
     def h(self) -> float | None:
         """Edge length [m]; None where there is none to refine."""
-        return self.tables["cloth"].get("h")
+        return self.source.h
 
     @property
     def dt(self) -> float | None:

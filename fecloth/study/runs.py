@@ -88,8 +88,8 @@ class Run:
         A function of the problem and the arguments, at the top of a module; it returns cells.
     arguments
         Its other arguments.
-    size
-        How much longer the run takes than the estimate of its problem.
+    own_work
+        The estimated size of the run, where it is not the size of its problem.
     """
 
     problem: StudyProblem
@@ -97,33 +97,35 @@ class Run:
     cells: Mapping[str, Any] = field(default_factory=dict)
     function: Callable[..., dict] = measure_problem
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    size: float = 1.0
+    own_work: Work | None = None
 
     @cached_property
     def case(self) -> dict | None:
         """The arguments of `run_case_of_problem`, as JSON values.
 
-        It is None for a run that only this process can make, because its arguments are no JSON
-        values, or because other processes cannot import the function of its problem.
+        It is None for a run that only this process can make, because its arguments, or those of
+        its problem, are no JSON values, or because other processes cannot import the function of
+        its problem.
         """
-        try:
-            json.dumps(self.arguments)
-        except TypeError:  # such as a user's function as quantity
-            return None
         if not self.problem.source.is_importable:
             return None
         name = f"{self.function.__module__}:{self.function.__name__}"
-        return {"run": name, "problem": self.problem.case(), "arguments": dict(self.arguments)}
+        try:
+            json.dumps(self.arguments)
+            problem = self.problem.case()
+        except TypeError:  # such as a user's function as quantity
+            return None
+        return {"run": name, "problem": problem, "arguments": dict(self.arguments)}
 
     @property
     def work(self) -> Work:
         """The estimated size of the run."""
-        return self.problem.work
+        return self.own_work or self.problem.work
 
     @property
     def seconds(self) -> float:
         """The estimated time [s], see `Work.seconds`."""
-        return self.size * self.work.seconds
+        return self.work.seconds
 
 
 Row = dict[str, Any]
