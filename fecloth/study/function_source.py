@@ -60,6 +60,7 @@ class FunctionSource:
     terms: list[dict] | None = None
 
     kind: ClassVar[str] = "function"
+    is_declared: ClassVar[bool] = False  # only a set-up tells its steps
     interest: ClassVar[tuple[Quantity, ...]] = ()  # a function names no quantities
     is_nested: ClassVar[bool] = True  # the meshes of a function are taken as nested
     fabrics: ClassVar[Mapping[str, Fabric]] = {}  # which are not known by name
@@ -92,6 +93,11 @@ class FunctionSource:
     def h(self) -> float | None:
         """Edge length [m]; None where there is none to refine."""
         return self.arguments.get("h")
+
+    @property
+    def dt(self) -> float | None:
+        """Fixed step [s]; None where there is none."""
+        return None if self.t_end is None else self.arguments.get("dt")
 
     @property
     def has_stable_steps(self) -> bool:
@@ -129,8 +135,7 @@ class FunctionSource:
         if first.is_static:
             steps = first.steps.load_steps if isinstance(first.steps, LoadSteps) else 1
             return tables | {"equilibrium": {"load_steps": steps}}
-        dt = self.arguments.get("dt") or "auto"
-        return tables | {"time": {"dt": dt, "t_end": self.t_end}}
+        return tables | {"time": {"dt": self.dt or "auto", "t_end": self.t_end}}
 
     def changed(self, values: Mapping[str, Any], name: str = "") -> "FunctionSource":
         """Return the source with other arguments, or other terms.
@@ -297,11 +302,12 @@ class FunctionSource:
         return len(self.first.cloth.triangles)
 
     def count_stable_steps(self, triangles: float) -> float:
-        """Return the number of steps at the stability limit of the first mesh."""
+        """Estimate the number of stable steps on so many triangles, from the first mesh."""
         first = self.first
         assert self.t_end is not None
         limit = critical_dt(first.system, first.start, method_of(first.steps))
-        return math.ceil((self.t_end - first.start.t) / limit)
+        steps = (self.t_end - first.start.t) / limit
+        return math.ceil(steps * math.sqrt(triangles / self.count_triangles()))
 
 
 def with_item(old: Any, keys: Sequence[str], value: object) -> Any:

@@ -111,8 +111,7 @@ class StudyProblem:
     @property
     def dt(self) -> float | None:
         """Fixed step [s]; None where there is none."""
-        dt = self.tables.get("time", {}).get("dt", "auto")
-        return None if dt == "auto" else dt
+        return self.source.dt
 
     @property
     def rtol(self) -> float:
@@ -175,7 +174,8 @@ class StudyProblem:
         lumped mass. Raise `InputError` for what the problem does not have, and for values that it
         refuses.
         """
-        return self.at(self.source.values_of(choice), name)
+        chosen = self.at(self.source.values_of(choice), name)
+        return replace(chosen, root=None) if "method" in choice else chosen
 
     def finer(
         self,
@@ -250,7 +250,7 @@ class StudyProblem:
         """
         parameter = f"parameter {' and '.join(values)}"
         try:
-            setup = self.at(values)._make(base.cloth)
+            setup = self.at(values, "other values")._make(base.cloth)
         except InputError as error:
             # its own value is allowed, so this one lies beyond an end of what is allowed
             allowed = "needs values on both sides of its own: " + str(error)
@@ -291,21 +291,25 @@ class StudyProblem:
 
     @cached_property
     def work(self) -> Work:
-        """The estimated size of a run, without its mesh where that has another h than its root."""
+        """The estimated size of a run, without its mesh where that has another h than its root.
+
+        A function is not called again: its root tells what its steps are.
+        """
         root = self.root or self
+        known = self if self.source.is_declared else root
         triangles = root.source.count_triangles() if root is self else root.work.triangles
         if root is not self and root.h and self.h:
             triangles *= (root.h / self.h) ** 2
         if self.is_static:
-            load_steps = self.tables["equilibrium"].get("load_steps", 1)
+            load_steps = known.tables["equilibrium"].get("load_steps", 1)
             return Work(triangles, LOAD_STEP * load_steps, unit="Newton iterations")
         assert self.span is not None
         steps = float(CHOSEN_STEPS)
         if self.dt is not None:
             steps = math.ceil(self.span / self.dt - 1e-9)
-        elif self.source.has_stable_steps:
-            steps = self.source.count_stable_steps(triangles)
-        return Work(triangles, steps, self.is_explicit)
+        elif known.source.has_stable_steps:
+            steps = known.source.count_stable_steps(triangles)
+        return Work(triangles, steps, known.is_explicit)
 
     # --- quantities ---------------------------------------------------------------------------
 

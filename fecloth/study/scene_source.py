@@ -59,6 +59,7 @@ class SceneSource:
     where: str = "the scene"
 
     kind: ClassVar[str] = "scene"
+    is_declared: ClassVar[bool] = True  # its tables tell its steps without a set-up
     is_importable: ClassVar[bool] = True  # other processes can read its tables
     keys: ClassVar[Mapping[str, str]] = {
         "h": "cloth.h",
@@ -100,6 +101,12 @@ class SceneSource:
     def h(self) -> float | None:
         """Edge length [m]; None where there is none to refine."""
         return self.scene.cloth.h
+
+    @property
+    def dt(self) -> float | None:
+        """Fixed step [s]; None where there is none."""
+        time = self.scene.time
+        return None if self.scene.equilibrium or time.dt == "auto" else time.dt
 
     @property
     def is_nested(self) -> bool:

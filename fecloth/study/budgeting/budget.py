@@ -288,7 +288,7 @@ class Work:
     def _run_of(self, name: str, values: Mapping[str, Any], seed: int | None) -> Run | dict:
         """What runs; a row with the reason if the values are not admissible together."""
         try:
-            problem = self.study.problem.at(values)
+            problem = self.study.problem.at(values, name)
         except InputError as error:
             return failure(REFUSED, error)
         arguments = {} if seed is None else {"disturbed": seed}

@@ -26,6 +26,7 @@ from fecloth.system.state import State
 FINER = 2.0  # divides h and dt; its square divides rtol
 TIMES_OF_GRIPS = 41  # in a run, at which the motion of grips is looked at for its extremes
 FABRIC = "fabric"
+OF_FIT = "the fabric of the fit"  # what errors name
 
 Values = Mapping[str, float]
 
@@ -74,7 +75,7 @@ class Specimen:
         `tolerance` is their relative error.
         """
         parameters = tuple(Parameter(name, values[name], widths[name]) for name in self.names)
-        problem = self.problem.at({name: values[name] for name in self.names})
+        problem = self.problem.at({p.name: p.value for p in parameters}, "these constants")
         sought = Sought(parameters, self.quantities, tolerance, self.is_curve)
         return derive(problem, sought)
 
@@ -211,8 +212,9 @@ def _open(
         allowed = f"has none of the parameters {listed}; it has {', '.join(numbers)}"
         remedy = did_you_mean(next(iter(parameters), ""), numbers)
         raise InputError(f"experiment {experiment.label}", allowed, "fit", remedy)
-    problem = problem.at({name: parameters[name] for name in names})
-    return _measure(experiment, problem, names)
+    problem = problem.at({name: parameters[name] for name in names}, OF_FIT)
+    # without its starts a function may have no set-up, so that nothing can be estimated from it
+    return _measure(experiment, replace(problem, root=None), names)
 
 
 def _with_fabric(
@@ -234,10 +236,10 @@ def _with_fabric(
         base = {k: v for k, v in dataclasses.asdict(base).items() if v not in (None, "")}
     if Shorthands.model_fields.keys() & base.keys():
         # a shorthand, such as a preset, stands for constants: the scene writes them out
-        base = problem.at({FABRIC: base}).tables[FABRIC]
+        base = problem.at({FABRIC: base}, OF_FIT).tables[FABRIC]
     if fabric is None and not start:
         return problem
-    return problem.at({FABRIC: fabric_with(base, start)})
+    return problem.at({FABRIC: fabric_with(base, start)}, OF_FIT)
 
 
 def _measure(experiment: Experiment, problem: StudyProblem, names: tuple[str, ...]) -> Specimen:
