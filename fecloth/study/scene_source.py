@@ -59,8 +59,8 @@ class SceneSource:
     where: str = "the scene"
 
     kind: ClassVar[str] = "scene"
-    is_declared: ClassVar[bool] = True  # its tables tell its steps without a set-up
     is_importable: ClassVar[bool] = True  # other processes can read its tables
+    is_declared: ClassVar[bool] = True  # its tables tell its steps without a set-up
     keys: ClassVar[Mapping[str, str]] = {
         "h": "cloth.h",
         "dt": "time.dt",
