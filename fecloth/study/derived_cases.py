@@ -32,8 +32,8 @@ from fecloth.study.derivation import (
 )
 from fecloth.study.measured_runs import columns_to_record, measure, record_of
 from fecloth.study.modes import Modes, modes
-from fecloth.study.parameters import Parameter, setup_with
-from fecloth.study.problems import Problem
+from fecloth.study.parameters import Parameter
+from fecloth.study.problem import StudyProblem
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -90,7 +90,7 @@ class Sought:
         )
 
 
-def derive_case(problem: Problem, sought: Sequence[Any]) -> dict:
+def derive_case(problem: StudyProblem, sought: Sequence[Any]) -> dict:
     """Run the problem with derivatives, as a case of a study.
 
     `sought` are the `settings` of a `Sought`. The row has the `values` of the quantities, their
@@ -103,7 +103,7 @@ def derive_case(problem: Problem, sought: Sequence[Any]) -> dict:
     setup = _sharpen(problem.setup(), sought_derivatives.tolerance * NEWTON_TOLERANCE)
 
     def setup_at(parameter: Parameter, value: float) -> Setup:
-        return setup_with(problem, {parameter.name: value}, setup)
+        return problem.on({parameter.name: value}, setup)
 
     with _quietly(setup):
         row = _derive(problem, setup, sought_derivatives, setup_at)
@@ -113,7 +113,7 @@ def derive_case(problem: Problem, sought: Sequence[Any]) -> dict:
 SetupAt = Callable[[Parameter, float], Setup]
 
 
-def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
+def _derive(problem: StudyProblem, setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
     """Run the setup with derivatives, and return the row of `derive_case` without seconds.
 
     `setup_at` makes the setup with another value of a parameter. Raise `InputError` for a
@@ -132,7 +132,7 @@ def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -
         report=status.check_time_limit,
     )
     read: Callable[..., Any] = _read_column if sought.whole else value_of
-    slopes = Slopes(setup, derivation, problem.probes, read)
+    slopes = Slopes(setup, derivation, problem.source.probes, read)
     state = getattr(derivation.result, "state", setup.start)
     shapes = None
     # `mode` is 0 for a quantity that is no natural frequency
@@ -169,7 +169,7 @@ def _read_column(quantity: Quantity, record: RunRecord) -> np.ndarray:
 
 
 def run_twin(
-    problem: Problem,
+    problem: StudyProblem,
     sought: Sequence[Any],
     changes: Sequence[float],
     sizes: Sequence[float],
@@ -195,7 +195,7 @@ def run_twin(
         parameter.name: parameter.at(change)
         for parameter, change in zip(sought_derivatives.parameters, changes, strict=True)
     }
-    setup = setup_with(problem, values_by_name, problem.setup())
+    setup = problem.on(values_by_name, problem.setup())
     setup = _sharpen(setup, TWIN_TOLERANCE)
     if sizes and not isinstance(setup.steps, LoadSteps):  # load steps are the same anyway
         method_of_run = _make_method(method) if method else method_of(setup.steps)
@@ -210,7 +210,7 @@ def run_twin(
         rest=find_rest,
     )
     cloth = setup.cloth
-    values = [value_of(q, record_of(row, q, cloth, problem.probes)) for q in quantities]
+    values = [value_of(q, record_of(row, q, cloth, problem.source.probes)) for q in quantities]
     return {"values": values, "cpu_seconds": time.process_time() - begin}
 
 

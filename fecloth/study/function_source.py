@@ -1,6 +1,7 @@
 """A user's function as a source of set-ups: its arguments by name make a set-up."""
 
 import inspect
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -106,6 +107,16 @@ class FunctionSource:
     def span(self) -> float | None:
         """Length of the run [s]; None for an equilibrium."""
         return self.t_end
+
+    @property
+    def h(self) -> float | None:
+        """Edge length [m]; None where there is none to refine."""
+        return self.arguments.get("h")
+
+    @property
+    def dt(self) -> float | None:
+        """Fixed step [s]; None where there is none."""
+        return None if self.t_end is None else self.arguments.get("dt")
 
     @property
     def has_stable_steps(self) -> bool:
@@ -239,6 +250,10 @@ class FunctionSource:
         arguments = self._defaults | dict(self.arguments)
         return {name: value for name, value in arguments.items() if name not in SIZES}
 
+    def has_parameter(self, name: str) -> bool:
+        """Whether a name is an argument but h and dt, or an item of such an argument."""
+        return name.partition(".")[0] in self._all_arguments
+
     def is_usual_parameter(self, name: str) -> bool:
         """Whether a number is a parameter if none is named: a whole number may count something."""
         return isinstance(flatten(self._all_arguments)[name], float)
@@ -293,7 +308,7 @@ class FunctionSource:
             "path": file,
             "name": self.function.__name__,
             "digest": source_hash(file) if file else "",
-            "arguments": dict(self.arguments),
+            "arguments": json.loads(json.dumps(dict(self.arguments), default=list)),
             "t_end": self.t_end,
             "probes": probes,
             "terms": self.terms,
@@ -321,11 +336,12 @@ class FunctionSource:
         return len(self.first.cloth.triangles)
 
     def count_stable_steps(self, triangles: float) -> float:
-        """Return the number of steps at the stability limit of the first mesh."""
+        """Estimate the number of stable steps on so many triangles, from the first mesh."""
         first = self.first
         assert self.t_end is not None
         limit = critical_dt(first.system, first.start, method_of(first.steps))
-        return math.ceil((self.t_end - first.start.t) / limit)
+        steps = (self.t_end - first.start.t) / limit
+        return math.ceil(steps * math.sqrt(triangles / self.count_triangles()))
 
 
 def with_item(old: Any, keys: Sequence[str], value: object) -> Any:

@@ -1,36 +1,12 @@
-"""The numbers of a problem that its results depend on, and the problem with other ones."""
+"""The numbers of a problem that its results depend on."""
 
-import inspect
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from fecloth.errors import InputError, brief, did_you_mean, is_number
-from fecloth.scene.toml_text import flatten
-from fecloth.simulation.setup import Setup
-from fecloth.study.change import Change
-from fecloth.study.function_problem import FunctionProblem
-from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.problem import StudyProblem
 
 WHERE = "sensitivity"
-TABLES = ("fabric", "fabrics", "terms")  # tables whose numbers are taken if none is named
-REFUSED = {  # table of a scene → why its numbers are no parameters
-    "cloth": "changes the mesh, so that nodes cannot be compared",
-    "cloths": "changes the mesh, so that nodes cannot be compared",
-    "time": "is a number of the method, not of the cloth",
-    "equilibrium": "is a number of the method, not of the cloth",
-    "solver": "is a number of the solver, not of the cloth",
-    **dict.fromkeys(
-        ("output", "probes", "expect", "interest", "uncertain", "measured"),
-        "changes no motion of the cloth",
-    ),
-}
-# Keys of the uncertainty of numbers, on which no result depends.
-_UNCERTAINTY = re.compile(r"(fabric|fabrics\.[^.]+)\.uncertainty\.")
-SIZES = ("h", "dt")  # arguments of a function that are no parameters
 Asked = str | Sequence[str] | Mapping[str, float]
 
 
@@ -58,7 +34,7 @@ class Parameter:
 
 
 def choose_parameters(
-    problem: Problem, asked: Asked | None, scale: Mapping[str, float]
+    problem: StudyProblem, asked: Asked | None, scale: Mapping[str, float]
 ) -> tuple[Parameter, ...]:
     """Return the parameters that are asked for.
 
@@ -71,11 +47,11 @@ def choose_parameters(
     """
     if not isinstance(asked, str | Sequence | Mapping | None):
         raise InputError(f"parameters = {brief(asked)}", "must be names, or a mapping", WHERE)
-    numbers = dict(numbers_of(problem))
+    numbers = dict(problem.source.numbers())
     if asked is None:
-        usual_names = _usual_names(problem, numbers)
         # a value of 0 has no usual change, so it is no parameter without a scale
-        names: Sequence[str] = [name for name in usual_names if numbers[name]]
+        is_usual = problem.source.is_usual_parameter
+        names = [name for name, value in numbers.items() if value and is_usual(name)]
         if not names:
             remedy = "Name parameters, with a scale for each value of 0."
             raise InputError("parameters = None", f"{problem.name} has none", WHERE, remedy)
@@ -92,7 +68,7 @@ def choose_parameters(
 
 
 def _make_parameter(
-    problem: Problem, name: str, numbers: Mapping[str, float], scale: Mapping[str, float]
+    problem: StudyProblem, name: str, numbers: Mapping[str, float], scale: Mapping[str, float]
 ) -> Parameter:
     """Return the parameter with this name.
 
@@ -100,7 +76,7 @@ def _make_parameter(
     Raise `InputError` for a number that changes the mesh, the steps or the solver, for an
     unknown name, and for a usual change that is not above 0, as of a value of 0 without a scale.
     """
-    refuse_sizes(problem, name)
+    problem.source.refuse_parameter(name)
     if name not in numbers:
         all_names = ", ".join(numbers) or "no number"
         allowed = f"must be a number of the problem: {all_names}"
@@ -114,124 +90,3 @@ def _make_parameter(
         remedy = f"Give the size of a usual change, as scale={{{name!r}: 0.01}}."
         raise InputError(what, "needs a change > 0 to compare with", WHERE, remedy)
     return Parameter(name, value, float(width))
-
-
-def refuse_sizes(problem: Problem, name: str) -> None:
-    """Raise `InputError` for a number that is no parameter.
-
-    Such a number changes the mesh, the steps or the solver, or, as of [output], no motion.
-    """
-    if isinstance(problem, SceneProblem):
-        table = name.partition(".")[0]
-        if reason := REFUSED.get(table):
-            remedy = ""
-            if table.startswith("cloth"):
-                remedy = "A function of Python may move the nodes of the same triangles."
-            elif table in ("time", "solver", "equilibrium") and name != "time.t_end":
-                # not for t_end, because `converge` finds no error of it
-                remedy = "fecloth converge says what its error is."
-            raise InputError(f"parameter {name!r}", reason, WHERE, remedy)
-    elif name in SIZES:
-        remedy = "study.converge says what the error of h and dt is."
-        raise InputError(f"parameter {name!r}", "changes the mesh or the steps", WHERE, remedy)
-
-
-def numbers_of(problem: Problem) -> Iterator[tuple[str, float]]:
-    """Yield the name and the value of each number that may be a parameter.
-
-    Whole numbers of a scene are left out, because they count something. Whole numbers of a
-    function are not: a user may write 2 for 2.0. Also left out are the uncertainties of numbers
-    of a fabric, and h and dt of a function.
-    """
-    if isinstance(problem, SceneProblem):
-        tables = {name: table for name, table in problem.tables.items() if name not in REFUSED}
-        for name, value in _find_numbers(tables, float).items():
-            if not _UNCERTAINTY.match(name):
-                yield name, value
-        return
-    arguments = {key: value for key, value in _arguments(problem).items() if key not in SIZES}
-    yield from _find_numbers(arguments, float | int).items()
-
-
-def _arguments(problem: FunctionProblem) -> dict[str, object]:
-    """Return the arguments of the function, given or by default."""
-    parameters = inspect.signature(problem.function).parameters
-    defaults = {name: parameter.default for name, parameter in parameters.items()}
-    return defaults | dict(problem.settings)
-
-
-def _find_numbers(data: Mapping, kind: Any) -> dict[str, float]:
-    """Return the numbers of this kind in tables and lists, by their dotted names."""
-    values = flatten(data).items()
-    return {name: float(v) for name, v in values if isinstance(v, kind) and is_number(v)}
-
-
-def _usual_names(problem: Problem, numbers: Mapping[str, float]) -> list[str]:
-    """Return the names that are meant if none is given, out of all `numbers` of the problem."""
-    if isinstance(problem, SceneProblem):
-        return [name for name in numbers if name.partition(".")[0] in TABLES]
-    arguments = _find_numbers(_arguments(problem), float)  # whole numbers may count something
-    return [name for name in numbers if name in arguments]
-
-
-def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Setup:
-    """Return the setup of the problem with other values, on the same triangles as `base`.
-
-    A scene is built on the cloth of `base`; a function makes its own cloth. Raise `InputError`
-    if the values are refused, or change the triangles or the held nodes: then the positions of
-    both runs cannot be compared node by node.
-    """
-    try:
-        changed = problem.changed(Change(values=grouped(problem, values)))
-        setup = changed.setup(base.cloth)
-    except InputError as error:
-        # its own value is allowed, so this one lies beyond an end of what is allowed
-        allowed = "needs values on both sides of its own: " + str(error)
-        raise InputError(f"parameter {' and '.join(values)}", allowed, WHERE) from None
-    cloth = setup.cloth
-    system = setup.system
-    has_same_mesh = np.array_equal(cloth.triangles, base.cloth.triangles)
-    has_same_pins = np.array_equal(system.constraints.nodes, base.system.constraints.nodes)
-    if not (has_same_mesh and has_same_pins):
-        what = f"parameter {' and '.join(values)}"
-        remedy = "Move the nodes of the same triangles, and hold the same nodes."
-        raise InputError(what, "changes the mesh or the held nodes", WHERE, remedy)
-    return setup
-
-
-def grouped(problem: Problem, values: Mapping[str, float]) -> dict[str, object]:
-    """Return the values as `Change` takes them.
-
-    The values of a scene stay as they are, by their dotted keys. A function takes whole
-    arguments: a value of the item "stiffness.0" gives the list `stiffness` with this item
-    changed.
-    """
-    if isinstance(problem, SceneProblem):
-        return dict(values)
-    arguments = _arguments(problem)
-    changed = dict[str, object]()
-    for name, value in values.items():
-        argument, *keys_of_item = name.split(".")
-        # another item of the same list may be changed already
-        old = changed.get(argument, arguments[argument])
-        changed[argument] = _replaced(old, keys_of_item, value)
-    return changed
-
-
-def _replaced(old: object, keys: Sequence[str], value: float) -> object:
-    """Return `old` with the value in place of one item, which may be nested.
-
-    The keys lead to the item: each is the key of a mapping, or the number of an item of a list
-    or tuple. Without keys the value takes the place of `old`. `old` itself is not changed.
-    """
-    if not keys:
-        return value
-    first_key, *other_keys = keys
-    if isinstance(old, Mapping):
-        return {**old, first_key: _replaced(old[first_key], other_keys, value)}
-    items = list(old)  # type: ignore[call-overload]  # a list or tuple, by `flatten`
-    number = int(first_key)
-    items[number] = _replaced(items[number], other_keys, value)
-    if isinstance(old, tuple):
-        return tuple(items)
-    return items

@@ -83,7 +83,8 @@ class StudyProblem:
             allowed = "must be a scene, its path, or a function of h and dt"
             raise InputError(f"problem = {problem!r}", allowed)
         source = FunctionSource(problem, t_end=t_end, placed=tuple(probes))
-        return cls(source.changed({**(arguments or {}), "h": h, "dt": dt}))
+        sizes = {name: size for name, size in (("h", h), ("dt", dt)) if size is not None}
+        return cls(source.changed({**(arguments or {}), **sizes}))
 
     # --- what it is ---------------------------------------------------------------------------
 
@@ -181,7 +182,8 @@ class StudyProblem:
         lumped mass. Raise `InputError` for what the problem does not have, and for values that it
         refuses.
         """
-        return self.at(self.source.values_of(choice), name)
+        chosen = self.at(self.source.values_of(choice), name)
+        return replace(chosen, root=None) if "method" in choice else chosen
 
     def finer(
         self,
@@ -256,7 +258,7 @@ class StudyProblem:
         """
         parameter = f"parameter {' and '.join(values)}"
         try:
-            setup = self.at(values)._make(base.cloth)
+            setup = self.at(values, "other values")._make(base.cloth)
         except InputError as error:
             # its own value is allowed, so this one lies beyond an end of what is allowed
             allowed = "needs values on both sides of its own: " + str(error)

@@ -103,17 +103,19 @@ class Run:
     def case(self) -> dict | None:
         """The arguments of `run_case_of_problem`, as JSON values.
 
-        It is None for a run that only this process can make, because its arguments are no JSON
-        values, or because other processes cannot import the function of its problem.
+        It is None for a run that only this process can make, because its arguments, or those of
+        its problem, are no JSON values, or because other processes cannot import the function of
+        its problem.
         """
-        try:
-            json.dumps(self.arguments)
-        except TypeError:  # such as a user's function as quantity
-            return None
         if not self.problem.source.is_importable:
             return None
         name = f"{self.function.__module__}:{self.function.__name__}"
-        return {"run": name, "problem": self.problem.case(), "arguments": dict(self.arguments)}
+        try:
+            json.dumps(self.arguments)
+            problem = self.problem.case()
+        except TypeError:  # such as a user's function as quantity
+            return None
+        return {"run": name, "problem": problem, "arguments": dict(self.arguments)}
 
     @property
     def work(self) -> Work:

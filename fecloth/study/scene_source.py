@@ -74,6 +74,7 @@ class SceneSource:
         "element": "cloth.element",
         "pattern": "cloth.pattern",
         "grading": "cloth.grading",
+        "load_steps": "equilibrium.load_steps",
         "terms": "terms",
     }
 
@@ -111,6 +112,17 @@ class SceneSource:
         if self.scene.equilibrium:
             return None
         return self.scene.time.t_end - self.scene.time.t_start
+
+    @property
+    def h(self) -> float | None:
+        """Edge length [m]; None where there is none to refine."""
+        return self.scene.cloth.h
+
+    @property
+    def dt(self) -> float | None:
+        """Fixed step [s]; None where there is none."""
+        time = self.scene.time
+        return None if self.scene.equilibrium or time.dt == "auto" else time.dt
 
     @property
     def is_nested(self) -> bool:
@@ -230,6 +242,10 @@ class SceneSource:
             is_left_out = name.partition(".")[0] in NO_PARAMETERS or ".uncertainty." in name
             if isinstance(value, float) and math.isfinite(value) and not is_left_out:
                 yield name, value
+
+    def has_parameter(self, name: str) -> bool:
+        """Whether a name is the key of a number, or of a list or table of numbers."""
+        return any(f"{key}.".startswith(f"{name}.") for key, _ in self.numbers())
 
     def is_usual_parameter(self, name: str) -> bool:
         """Whether a number is a parameter if none is named: one of fabric or terms."""

@@ -11,22 +11,19 @@ from fecloth.errors import InputError, amount, brief
 from fecloth.scene.scene import Scene
 from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.change import FIRST_LEVEL, Change
 from fecloth.study.derived_cases import LARGEST_ERROR, Sought, derive_case, run_twin
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.parameters import Asked as AskedParameters
 from fecloth.study.parameters import choose_parameters
-from fecloth.study.problem import Asked
-from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.problem import Asked, StudyProblem
 from fecloth.study.result import read_tolerance
-from fecloth.study.run_problems import Runs, Task, print_warnings, refuse_huge, run_tasks
+from fecloth.study.runs import Run, Runs, announce, print_doubts, refuse_huge, run_all
 from fecloth.study.sensitivity_result import Sensitivity, make_result
 from fecloth.study.status import OK, REFUSED
-from fecloth.study.workload import Workload, check_size
 
 # The change of a quantity over its value: below it round-off of the runs may be all of it.
 LEAST_QUANTITY_CHANGE = 1e-9
-PRICE = 0.5  # predicted time of a derivative over the time of the run
+PRICE = 0.5  # estimated time of a derivative over the time of the run
 # The change of each parameter over its width in a pair of twin runs: the usual one, and the one
 # of a second pair, where the quantity may bend too much for the first.
 WIDE_CHANGE = 3e-4
@@ -130,19 +127,21 @@ def sensitivity(
     if isinstance(scale, str) or not isinstance(scale, Iterable):
         raise InputError(f"scale = {brief(scale)}", "must be a mapping of names", "sensitivity")
     if isinstance(parameters, Mapping):  # it has their values, too
-        opened = opened.changed(Change.of(parameters))
+        opened = opened.at(parameters)
     refuse_huge(opened, runs)
     chosen_parameters = choose_parameters(opened, parameters, dict(scale))
     is_single = quantity is None or isinstance(quantity, str | Quantity) or callable(quantity)
     quantities = _choose_quantities(opened, quantity, is_single)
     if not quantities:
         raise InputError("quantity = []", "must be at least one", "sensitivity")
-    doubts = print_warnings(opened)
+    doubts = print_doubts(opened)
     sought = Sought(chosen_parameters, quantities, relative)
     return _run_and_check(opened, sought, runs, check=check, is_single=is_single, doubts=doubts)
 
 
-def _choose_quantities(opened: Problem, quantity: Any, is_single: bool) -> tuple[Quantity, ...]:
+def _choose_quantities(
+    opened: StudyProblem, quantity: Any, is_single: bool
+) -> tuple[Quantity, ...]:
     """Return the quantities of a list, or the single one, or the first of the problem."""
     if is_single:
         return (opened.choose_quantity(quantity),)
@@ -150,7 +149,7 @@ def _choose_quantities(opened: Problem, quantity: Any, is_single: bool) -> tuple
 
 
 def _run_and_check(
-    opened: Problem,
+    opened: StudyProblem,
     sought: Sought,
     runs: Runs,
     check: bool,
@@ -173,8 +172,7 @@ def _run_and_check(
     doubts
         Doubts about the set-up, for the result.
     """
-    size = opened.workload(FIRST_LEVEL)
-    row = _run_with_derivatives(opened, sought, size, runs)
+    row = _run_with_derivatives(opened, sought, runs)
     unknown = np.full((len(sought.quantities), len(sought.parameters)), np.nan)
     slopes = np.array(row.get("slopes", unknown))  # a run that failed has none
     checked = np.full(len(slopes), np.nan)
@@ -182,7 +180,7 @@ def _run_and_check(
     if check and row["status"] == OK:
         # The quantity may bend too much for the wide change: then the narrow one decides.
         for change in (WIDE_CHANGE, NARROW_CHANGE):
-            checked, why = _check_by_twin_runs(opened, sought, slopes, row, size, runs, change)
+            checked, why = _check_by_twin_runs(opened, sought, slopes, row, runs, change)
             if not (checked > LARGEST_ERROR).any():
                 break
     is_lost = _find_changes_below_round_off(sought, slopes, np.array(row.get("values", [])))
@@ -196,24 +194,28 @@ def _run_and_check(
     return replace(result, doubts=doubts, remarks=(*remarks, *result.remarks))
 
 
-def _run_with_derivatives(opened: Problem, sought: Sought, size: Workload, runs: Runs) -> dict:
+def derive(problem: StudyProblem, sought: Sought) -> Run:
+    """Return the run of a problem with its derivatives; the row is the one of `derive_case`."""
+    count = len(sought.parameters)
+    work = problem.work
+    return Run(
+        problem,
+        f"run and {amount(count, 'derivative')}",
+        function=derive_case,
+        arguments={"sought": sought.settings()},
+        # a derivative takes a part of the time of each step, so it counts as more steps
+        own_work=replace(work, steps=round(work.steps * (1 + PRICE * count))),
+    )
+
+
+def _run_with_derivatives(opened: StudyProblem, sought: Sought, runs: Runs) -> dict:
     """Run the problem once with all derivatives, and return the row of `derive_case`.
 
-    `size` is the predicted size of the run without derivatives. Raise `InputError` if the
-    problem is refused, or takes too long.
+    Raise `InputError` if the problem is refused, or takes too long.
     """
-    count = len(sought.parameters)
-    # a derivative takes a part of the time of each step, so it counts as more steps
-    size_with_derivatives = replace(size, steps=round(size.steps * (1 + PRICE * count)))
-    check_size([size_with_derivatives], runs.jobs, runs.most_seconds, opened.source)
-    task = Task(
-        derive_case,
-        opened,
-        settings={"sought": sought.settings()},
-        words=f"run and {amount(count, 'derivative')}",
-        size=size_with_derivatives,
-    )
-    (row,) = run_tasks([task], runs)
+    run = derive(opened, sought)
+    announce([run], runs)
+    (row,) = run_all([run], runs)
     if row["status"] == REFUSED:
         raise InputError(row["cause"])
     return row
@@ -236,7 +238,7 @@ def _find_changes_below_round_off(
 
 
 def describe_weak_terms(
-    opened: Problem, quantities: Sequence[Quantity], tolerance: float, runs: Runs
+    opened: StudyProblem, quantities: Sequence[Quantity], tolerance: float, runs: Runs
 ) -> str:
     """Return a sentence that names the numbers of terms on which the quantities hardly depend.
 
@@ -245,12 +247,11 @@ def describe_weak_terms(
     function. If the derivatives are not found, the sentence says why. Nothing is raised then,
     because this is only a remark of another study, `simplify`.
     """
-    if not isinstance(opened, SceneProblem):
+    numbers = opened.source.numbers()
+    names = [name for name, value in numbers if value and name.startswith("terms.")]
+    if not names:
         return ""
-    all_parameters = choose_parameters(opened, asked=None, scale={})
-    parameters = tuple(p for p in all_parameters if p.name.startswith("terms."))
-    if not parameters:
-        return ""
+    parameters = choose_parameters(opened, names, scale={})
     unknown = "whether numbers of terms count is not known"
     sought = Sought(parameters, tuple(quantities), LARGEST_ERROR)
     try:
@@ -271,11 +272,10 @@ def describe_weak_terms(
 
 
 def _check_by_twin_runs(
-    opened: Problem,
+    opened: StudyProblem,
     sought: Sought,
     slopes: np.ndarray,
     row: Mapping,
-    size: Workload,
     runs: Runs,
     change: float,
 ) -> tuple[np.ndarray, str]:
@@ -292,20 +292,18 @@ def _check_by_twin_runs(
         (quantities, parameters) derivatives over the widths of the parameters.
     row
         The row of the run with derivatives.
-    size
-        Predicted size of a run.
     change
         The change of each parameter over its width.
     """
     # all parameters change in the direction that increases the first quantity
     signs = np.where(slopes[0] < 0, -1.0, 1.0)
     settings = {"sought": sought.settings(), **{key: row[key] for key in STEPS_OF_RUN}}
-    tasks = []
+    twins = []
     for sign, changes in ("+", change * signs), ("-", -change * signs):
         words = f"twin run, numbers {sign} {100 * change:g} %"
-        twin_settings = settings | {"changes": changes.tolist()}
-        tasks.append(Task(run_twin, opened, twin_settings, words, size))
-    twin_above, twin_below = run_tasks(tasks, runs)
+        arguments = settings | {"changes": changes.tolist()}
+        twins.append(Run(opened, words, function=run_twin, arguments=arguments))
+    twin_above, twin_below = run_all(twins, runs)
     for twin in (twin_above, twin_below):
         if twin["status"] != OK:
             return np.full(len(slopes), np.inf), f"a twin run failed: {twin['cause']}"

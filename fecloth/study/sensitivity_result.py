@@ -11,7 +11,7 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.study.derived_cases import LARGEST_ERROR, Sought
 from fecloth.study.figures import Figure, new_figure
 from fecloth.study.parameters import Parameter
-from fecloth.study.problems import Problem
+from fecloth.study.problem import StudyProblem
 from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.status import OK
 from fecloth.terms.traits import parameters_of
@@ -88,7 +88,7 @@ class Sensitivity(StudyResult):
 
 
 def make_result(
-    opened: Problem,
+    opened: StudyProblem,
     sought: Sought,
     row: Mapping,
     slopes: np.ndarray,
@@ -219,7 +219,7 @@ def _describe_change(p: Parameter, slope: float, value: float, unit: str) -> str
     return f"{p.width:+g} of {p.name} by {slope:+.2g} {unit}".rstrip()
 
 
-def _guess_reason(opened: Problem) -> str:
+def _guess_reason(opened: StudyProblem) -> str:
     """Return a sentence with the likely reason why there is no derivative.
 
     The first that the problem has counts: friction, contact, else folds or chaos.

@@ -17,8 +17,8 @@ import fecloth as fc
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.derivation import Recorded, derive_run
 from fecloth.study.derived_cases import Sought, derive_case
-from fecloth.study.parameters import choose_parameters, setup_with
-from fecloth.study.problems import open_problem
+from fecloth.study.parameters import choose_parameters
+from fecloth.study.problem import StudyProblem
 from studies import harness
 from studies.benchmarks.measure import Measured, print_verdicts, square
 
@@ -71,7 +71,7 @@ def _timed(work) -> float:
 
 
 def measure_motion(triangles: int, linear: str, repeats: int) -> list[Measured]:
-    problem = open_problem(swinging(square(triangles)), dt=DT, t_end=T_END)
+    problem = StudyProblem.of(swinging(square(triangles)), dt=DT, t_end=T_END)
     setup = replace(problem.setup(), linear=linear, newton=NEWTON)
     system, start, steps = setup.system, setup.start, setup.steps
 
@@ -84,7 +84,7 @@ def measure_motion(triangles: int, linear: str, repeats: int) -> list[Measured]:
         parameters = choose_parameters(problem, None, {})
 
         def setup_at(parameter, value):
-            return setup_with(problem, {parameter.name: value}, setup)
+            return problem.on({parameter.name: value}, setup)
 
         derive_run(setup, parameters, setup_at, Recorded(False, False), 2e-4)
 
@@ -96,7 +96,7 @@ def measure_motion(triangles: int, linear: str, repeats: int) -> list[Measured]:
 
 
 def measure_rest(triangles: int, repeats: int) -> list[Measured]:
-    problem = open_problem(hanging(square(triangles)))
+    problem = StudyProblem.of(hanging(square(triangles)))
     parameters = choose_parameters(problem, None, {})
     sought = Sought(parameters, (parse_quantity("sag"),), 1e-4)
     setup = problem.setup()

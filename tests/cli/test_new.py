@@ -11,7 +11,7 @@ from fecloth.cli.main import main
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.parameters import choose_parameters
-from fecloth.study.problems import SceneProblem
+from fecloth.study.problem import StudyProblem
 
 TESTS = {"tension": "", "cantilever": "", "drape": ".geo"}
 COARSE = {  # settings that make the runs short
@@ -51,9 +51,9 @@ def test_the_files_of_a_specimen_fit_together(written, tmp_path):
     assert len(rows) >= 3
     assert all(len(row) == len(columns) for row in rows)
     assert "made-up" in (folder / experiment["data"]).read_text(encoding="utf-8")
-    chosen = choose_parameters(SceneProblem(scene, "scene"), fit["parameters"], {})
+    chosen = choose_parameters(StudyProblem.of(scene), fit["parameters"], {})
     assert {each.name: each.value for each in chosen} == fit["parameters"]
-    problem = SceneProblem(scene, "scene")
+    problem = StudyProblem.of(scene)
     along = experiment.get("along")
     pairs = experiment["quantity"] | (along if isinstance(along, dict) else {})
     for column, text in pairs.items():
@@ -112,7 +112,7 @@ def test_a_new_scene_runs_at_once(kind, tmp_path, monkeypatch, capsys):
     assert (tmp_path / "out/my first/report.html").is_file()
     scene = load_scene("my first.toml")
     for text in scene.interest.quantities:
-        SceneProblem(scene, "scene").check_quantity(parse_quantity(text))
+        StudyProblem.of(scene).check_quantity(parse_quantity(text))
 
 
 def test_a_new_scene_names_sets_that_its_cloth_has(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from fecloth.errors import InputError, SceneError
 from fecloth.fabric.uncertainty import CONSTANTS, PAIRS, Uncertainty
 from fecloth.scene.scene import load_scene, scene_of
 from fecloth.study.parameters import choose_parameters
-from fecloth.study.problems import SceneProblem
+from fecloth.study.problem import StudyProblem
 
 TABLE = {
     "tensile_stiffness": "1 %",
@@ -228,7 +228,7 @@ def test_studies_take_uncertainties_for_no_numbers_and_for_no_other_case(folder,
     problems = []
     for more in ("", f'[{table}.uncertainty]\nshear_stiffness = "5 %"\n'):
         (folder / "scene.toml").write_text(text + more, encoding="utf-8")
-        problems.append(SceneProblem(load_scene(folder / "scene.toml"), "scene"))
+        problems.append(StudyProblem.of(load_scene(folder / "scene.toml")))
     assert problems[0].case() == problems[1].case()
     assert problems[1].tables != problems[0].tables
     a, b = (choose_parameters(problem, None, {}) for problem in problems)

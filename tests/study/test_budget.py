@@ -1,7 +1,6 @@
 """`budget`: closed forms of its parts, when samples replace them, its words and its mistakes."""
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,9 +15,9 @@ from fecloth.study.budgeting import budget as budgets
 from fecloth.study.budgeting.budget import Work, probing_change, spread, tolerance_of_data
 from fecloth.study.budgeting.inputs import Inputs, read_inputs
 from fecloth.study.budgeting.result import _shown, make_budget
-from fecloth.study.change import Level
 from fecloth.study.parameters import Parameter
-from fecloth.study.problems import open_problem
+from fecloth.study.problem import StudyProblem
+from fecloth.study.runs import Run
 from fecloth.study.tuning import tune as tuning
 
 FORCE = "reaction.right.x"
@@ -135,14 +134,17 @@ def test_the_share_of_a_gap_belongs_to_the_mesh(monkeypatch):
 
 
 def test_a_part_whose_run_failed_is_not_known(monkeypatch):
-    levels, run = budgets.levels_to_run, budgets.run_problems.run_points
+    levels, run = budgets.levels_to_run, budgets.run_quantities
 
-    def fail_last(points, *given):
-        rows = run(points, *given)
+    def one_more(problem, *given):
+        return [*levels(problem, *given), Run(problem, "half of the gap")]
+
+    def fail_last(runs, *given):
+        rows = run(runs, *given)
         return [*rows[:-1], {**rows[-1], "status": "failed", "cause": "it stopped"}]
 
-    monkeypatch.setattr(budgets, "levels_to_run", lambda *a: [*levels(*a), Level(gap=2.0)])
-    monkeypatch.setattr(budgets.run_problems, "run_points", fail_last)
+    monkeypatch.setattr(budgets, "levels_to_run", one_more)
+    monkeypatch.setattr(budgets, "run_quantities", fail_last)
     answer = fc.budget(pulled, None, {FORCE: (1.0, 0.1)}, FORCE, h=0.5)
     assert math.isnan(answer.space)
     assert math.isnan(answer.total)
@@ -155,7 +157,7 @@ def test_starts_are_disturbed_and_their_spread_counts():
     tip = fc.Probe("tip", "right")
     sizes = {"h": 0.5, "dt": 0.05, "t_end": 0.1, "probes": [tip]}
     answer = fc.budget(thrown, {"start": 3}, None, "tip.z", seed=5, **sizes)
-    setup = open_problem(thrown, 0.5, 0.05, 0.1, (tip,), {}).setup()
+    setup = StudyProblem.of(thrown, 0.5, 0.05, 0.1, (tip,)).setup()
     at = setup.cloth.nodes("right")
     heights = [setup.disturbed(seed).start.x[at, 2].mean() for seed in (6, 7, 8)]
     assert answer.start == pytest.approx(np.std(heights, ddof=1), rel=1e-6)
@@ -163,7 +165,7 @@ def test_starts_are_disturbed_and_their_spread_counts():
 
 
 def test_a_disturbance_is_smooth_small_upward_and_keeps_pins():
-    setup = open_problem(column, 0.05, None, None, (), {}).setup()
+    setup = StudyProblem.of(column, 0.05).setup()
     moved = [setup.disturbed(seed).start.x - setup.start.x for seed in (1, 1, 2)]
     assert np.array_equal(moved[0], moved[1])
     assert not np.allclose(moved[0], moved[2], atol=1e-5)
@@ -240,7 +242,7 @@ def test_a_strip_that_buckles_is_sampled(monkeypatch):
 def test_the_first_order_holds_up_to_a_quarter_of_the_uncertainty(monkeypatch, bend, holds):
     """Of q = x + bend x², u = 1: samples at ±1 lie by `bend` off."""
     inputs = Inputs((Parameter("x", 0.0, 1.0),), np.eye(1))
-    work = Work(None, None, [parse_quantity("sag")], None)
+    work = Work(None, [parse_quantity("sag")])
 
     def run(self, changed, starts=None):
         x = np.array([values["x"] for _, values in changed])
@@ -291,7 +293,7 @@ def test_a_spread_leaves_out_runs_that_failed():
 
 def test_presets_carry_uncertainties_which_entries_replace(tmp_path):
     base = SCENE.partition("[fabric]")[0] + "[fabric]\npreset = 'cotton'\n"
-    problem = open_problem(scene_at(tmp_path, base=base), None, None, None, (), {})
+    problem = StudyProblem.of(scene_at(tmp_path, base=base))
     fabric = fc.Fabric.preset("cotton")
     standard = fabric.uncertainty.standard(fabric)
     plain = read_inputs(problem, {})
@@ -316,14 +318,14 @@ def test_presets_carry_uncertainties_which_entries_replace(tmp_path):
 
 def test_an_uncertainty_of_zero_leaves_a_number_out(tmp_path):
     text = '[fabric.uncertainty]\nareal_density = "5 %"\ntensile_stiffness = "5 %"\n'
-    problem = open_problem(scene_at(tmp_path, text), None, None, None, (), {})
+    problem = StudyProblem.of(scene_at(tmp_path, text))
     given = {"fabric.areal_density": 0.0, "terms.1.acceleration.0": "0 %"}
     assert read_inputs(problem, given).names == ["fabric.tensile_stiffness"]
 
 
 def test_what_replaces_an_entry_is_not_correlated(tmp_path):
     path = scene_at(tmp_path, CORRELATED.format(1.0))
-    problem = open_problem(path, None, None, None, (), {})
+    problem = StudyProblem.of(path)
     u = np.array([0.01, 100.0])
     assert read_inputs(problem, {}).covariance == pytest.approx(np.outer(u, u))
     other = read_inputs(problem, {"fabric.areal_density": 0.02}).covariance
@@ -628,8 +630,7 @@ def test_the_command_reads_tables_and_reuses_its_runs(tmp_path, capsys):
 
 def test_uncertain_and_measured_tables_share_runs(tmp_path):
     """Cases do not change with what is uncertain or measured."""
-    plain = open_problem(scene_at(tmp_path), None, None, None, (), {})
+    plain = StudyProblem.of(scene_at(tmp_path))
     text = '[uncertain]\nstart = 2\n[measured]\n"tip.x" = [2.0, 0.1]\n'
-    other = open_problem(scene_at(tmp_path, text), None, None, None, (), {})
+    other = StudyProblem.of(scene_at(tmp_path, text))
     assert other.case() == plain.case()
-    assert replace(other, name="").case() == plain.case()

@@ -1,8 +1,7 @@
-"""Options of a study, each mistake in them as one line, and the predicted size of scenes."""
+"""Options of a study, each mistake in them as one line, and the estimated size of problems."""
 
 import errno
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,8 @@ import fecloth as fc
 from fecloth.errors import FeclothError, InputError
 from fecloth.output.atomic_files import DiskFull
 from fecloth.scene.scene import load_scene
-from fecloth.study.workload import LONGEST, Workload, check_size, count_steps
+from fecloth.study.problem import StudyProblem
+from fecloth.study.runs import Run, Runs, announce
 from studies import harness
 from studies.harness import exit_status
 
@@ -85,29 +85,78 @@ def test_exit_statuses_are_those_of_the_command_line(capsys, error, status, word
     assert capsys.readouterr().err.startswith(words)
 
 
-def test_the_predicted_size_is_that_of_the_scene(scene):
-    loaded = load_scene(scene)
-    triangles = len(loaded.mesh().triangles)
-    assert Workload.of(loaded).triangles == pytest.approx(triangles, rel=0.15)
-    assert Workload.of(loaded).steps == 50
-    assert Workload.of(load_scene(scene, ["time.dt=0.005"])).steps == 100
-    explicit = load_scene(
-        scene, ["time.method=central_difference", "time.dt=auto", "cloth.pattern=cross"]
+def test_the_estimated_size_is_that_of_the_scene(scene):
+    problem = StudyProblem.of(scene)
+    assert problem.work.triangles == pytest.approx(len(problem.source.mesh().triangles), rel=0.15)
+    assert problem.work.steps == 50
+    assert problem.at({"time.dt": 0.005}).work.steps == 100
+    explicit = StudyProblem.of(
+        load_scene(scene, ["time.method=central_difference", "time.dt=auto", "cloth.pattern=cross"])
     )
-    triangles = len(explicit.mesh().triangles)
-    assert Workload.of(explicit).triangles == pytest.approx(triangles, rel=0.15)
-    system = explicit.build().system
+    triangles = len(explicit.source.mesh().triangles)
+    assert explicit.work.triangles == pytest.approx(triangles, rel=0.15)
+    system = explicit.first.system
     stable = 0.9 * fc.critical_dt(system, system.rest(), "central_difference")
-    assert count_steps(explicit) == pytest.approx(0.5 / stable, rel=0.7)
+    assert explicit.work.steps == pytest.approx(0.5 / stable, rel=0.7)
+
+
+def strip(h, dt=0.01, stiffness=1000.0, method="bdf2"):
+    """A strip that can be made on a coarse mesh only, with its first stiffness."""
+    if h < 0.2 or stiffness != 1000.0:
+        raise InputError("a number", "is refused")
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, stiffness), [fc.StVK()], ["left"], mass="lumped")
+    methods = {"bdf2": fc.BDF2, "central": fc.CentralDifference}
+    return cloth, system, methods[method](), system.rest()
+
+
+def test_a_function_is_not_called_again_for_the_size_of_its_runs():
+    problem = StudyProblem.of(strip, h=0.25, dt=0.01, t_end=0.5)
+    triangles = len(problem.first.cloth.triangles)
+    finer = problem.at({"stiffness": 1.0}).finer(h=10, dt=2, sharper=1.0)
+    assert finer.work.triangles == pytest.approx(100 * triangles)
+    assert finer.work.steps == 100
+    assert not finer.work.is_explicit
+    assert StudyProblem.of(strip, h=0.25).finer(h=10).work.unit == "Newton iterations"
+
+
+def test_a_function_with_another_method_has_the_steps_of_that_method():
+    chosen = StudyProblem.of(strip, h=0.25, t_end=0.5).choose(method="central")
+    assert chosen.work.is_explicit
+    stable = fc.critical_dt(chosen.first.system, chosen.first.start, "central_difference")
+    assert chosen.work.steps == pytest.approx(0.5 / stable, abs=1)
+    finer = chosen.finer(h=10)
+    assert finer.work.steps == pytest.approx(10 * 0.5 / stable, rel=0.01)
+
+
+def test_a_function_without_h_or_dt_takes_its_own():
+    def own(h=0.5, dt=0.1):
+        cloth, system, _, start = strip(h)
+        return cloth, system, fc.BDF2(), start
+
+    problem = StudyProblem.of(own, t_end=0.2)
+    assert (problem.h, problem.dt) == (None, None)
+    assert problem.first.cloth.h == pytest.approx(0.5, rel=0.5)
+
+
+def test_arguments_that_are_no_json_values_run_in_this_process():
+    """A tuple counts as the list that JSON reads back."""
+    problem = StudyProblem.of(strip, h=0.25)
+    assert Run(problem.at({"stiffness": (1.0, 2.0)}), "").problem.case()["source"]["arguments"] == {
+        "h": 0.25,
+        "stiffness": [1.0, 2.0],
+    }
+    assert Run(problem, "").case is not None
+    assert Run(problem.at({"stiffness": object()}), "").case is None
 
 
 def test_the_size_of_a_shape_from_a_file_needs_no_fine_mesh(tmp_path):
     """With h in mm by mistake, the mesh alone would take minutes."""
     scene = ROOT / "studies" / "scenes" / "flag.toml"
     triangles = len(load_scene(scene).mesh().triangles)
-    assert Workload.of(load_scene(scene)).triangles == pytest.approx(triangles, rel=0.15)
-    tiny = load_scene(scene, ["cloth.h=0.0006"])
-    assert Workload.of(tiny).triangles == pytest.approx(1e4 * triangles, rel=0.15)
+    assert StudyProblem.of(scene).work.triangles == pytest.approx(triangles, rel=0.15)
+    tiny = StudyProblem.of(load_scene(scene, ["cloth.h=0.0006"]))
+    assert tiny.work.triangles == pytest.approx(1e4 * triangles, rel=0.15)
 
 
 def test_the_results_go_to_the_folder_of_the_study(monkeypatch):
@@ -117,17 +166,15 @@ def test_the_results_go_to_the_folder_of_the_study(monkeypatch):
     assert parse("--out", "here").out.as_posix() == "here"
 
 
-@pytest.mark.slow
 def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
     """A width of 40 m, meant in cm, as in a file of a user."""
     scene.write_text(SCENE.replace("width = 1.0", "width = 40").replace("h = 0.05", "h = 0.01"))
-    first = Workload.of(load_scene(scene))
-    size = [replace(first, triangles=first.triangles * by**2) for by in (1, 2, 4)]
-    assert size[2].triangles > 7e6
-    with pytest.raises(InputError, match=r"triangles × 50 steps: .*above 60 min.*runs it anyway"):
-        check_size(size, 1, LONGEST, "a scene")
-    check_size(size, 1, None, "a scene")
-    check_size([Workload(1000, 50)], 1, LONGEST, "a scene")
-    assert (
-        "1 case, up to 1,000 triangles × 50 steps; predicted: about 1 s" in capsys.readouterr().err
-    )
+    problem = StudyProblem.of(scene)
+    runs = [Run(problem.finer(h=by), "") for by in (1, 2, 4)]
+    assert runs[2].work.triangles > 7e6
+    with pytest.raises(InputError, match=r"triangles × 50 steps: may take hours: above 3,600 s"):
+        announce(runs, Runs())
+    announce(runs, Runs(most_seconds=None))
+    capsys.readouterr()
+    announce([Run(problem.at({"cloth.h": 0.5}), "")], Runs())
+    assert "1 case, up to 185 triangles × 50 steps; it may take some" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from fecloth.errors import InputError
 from fecloth.study import sensitivities
 from fecloth.study.derived_cases import LARGEST_ERROR
 from fecloth.study.parameters import Parameter
-from fecloth.study.run_problems import Runs
+from fecloth.study.runs import Runs
 from fecloth.study.sensitivities import describe_weak_terms
 
 SCENE = """
@@ -235,7 +235,7 @@ def test_folds_that_change_leave_no_derivative_and_the_answer_says_so():
 
 @pytest.mark.parametrize(("part", "exists"), [(0.8, True), (1.25, False)])
 def test_one_per_cent_from_the_twin_runs_is_the_limit(part, exists, monkeypatch):
-    def check(opened, sought, slopes, row, size, runs, step):
+    def check(opened, sought, slopes, row, runs, step):
         return np.array([part * 0.01]), ""
 
     monkeypatch.setattr(sensitivities, "_check_by_twin_runs", check)
@@ -245,16 +245,16 @@ def test_one_per_cent_from_the_twin_runs_is_the_limit(part, exists, monkeypatch)
 
 
 def test_twin_runs_find_a_wrong_derivative(monkeypatch):
-    right = sensitivities.run_tasks
+    right = sensitivities.run_all
 
-    def wrong(tasks, runs):
-        rows = right(tasks, runs)
+    def wrong(runs, how):
+        rows = right(runs, how)
         for row in rows:
             if "slopes" in row:
                 row["slopes"] = (1.02 * np.array(row["slopes"])).tolist()
         return rows
 
-    monkeypatch.setattr(sensitivities, "run_tasks", wrong)
+    monkeypatch.setattr(sensitivities, "run_all", wrong)
     answer = fc.sensitivity(strip, ["drawn"], "reaction.right.x", h=0.25)
     assert answer.checked == pytest.approx(0.02 / 1.02, rel=1e-3)
 
@@ -396,14 +396,14 @@ restitution = 1.0
 def test_a_narrower_pair_of_twin_runs_is_no_looser(wrong_by, monkeypatch):
     """The quantity changes by 1e-5 of its value: its derivative is judged as any other."""
 
-    def rows(tasks, runs):
+    def rows(runs, how):
         answer = {"status": "ok", "sizes": [], "method": "", "why": ""}
-        if "changes" not in tasks[0].settings:
+        if "changes" not in runs[0].arguments:
             return [answer | {"values": [1.0], "slopes": [[1e-5]]}]
-        changes = [task.settings["changes"][0] for task in tasks]
+        changes = [run.arguments["changes"][0] for run in runs]
         return [answer | {"values": [1 + 1e-5 * (1 + wrong_by) * each]} for each in changes]
 
-    monkeypatch.setattr(sensitivities, "run_tasks", rows)
+    monkeypatch.setattr(sensitivities, "run_all", rows)
     answer = fc.sensitivity(strip, ["drawn"], "area", h=0.25)
     assert answer.checked == pytest.approx(wrong_by, rel=1e-3)
     assert np.isfinite(answer.derivative[0]) == (wrong_by < LARGEST_ERROR)

@@ -1,6 +1,5 @@
 """`budget`: what a computed quantity is worth beside a measured one."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,18 +11,23 @@ from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
-from fecloth.study import run_problems
 from fecloth.study.budgeting.inputs import Inputs, read_inputs, read_measured
 from fecloth.study.budgeting.result import Budget, make_budget
-from fecloth.study.change import AS_IS, FIRST_LEVEL, Change
 from fecloth.study.command import StudyFailed
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.parameters import grouped
-from fecloth.study.problem import Asked
-from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.problem import Asked, StudyProblem
 from fecloth.study.refinement import levels_to_run, summarise
+from fecloth.study.runs import (
+    Row,
+    Run,
+    announce,
+    print_doubts,
+    record_at,
+    refuse_huge,
+    run_quantities,
+)
 from fecloth.study.sensitivities import sensitivity
-from fecloth.study.status import OK, REFUSED
+from fecloth.study.status import OK, REFUSED, failure
 from fecloth.study.uncertainty import UNSAFE
 from fecloth.terms import BendingFriction
 from fecloth.validation import known as known_name
@@ -115,18 +119,17 @@ def budget(
     """
     study = open_study(problem, shared)
     opened = study.problem
-    runs = study.runs()
-    opened.check("h")
+    opened.check_refining("h")
     whole("samples", SAMPLES if samples is None else samples, 2, "budget")
     whole("seed", seed, 0, "budget")
     if uncertain is None:
-        uncertain = _table_of(opened, "uncertain")
+        uncertain = opened.tables.get("uncertain") or {}
     if measured is None:
-        measured = _table_of(opened, "measured")
+        measured = opened.tables.get("measured") or {}
     inputs = read_inputs(opened, uncertain)
     data = read_measured(measured)
     is_single = isinstance(quantity, str | Quantity) or callable(quantity)
-    names_of_quantities: Any = quantity or opened.interest or list(data) or None
+    names_of_quantities: Any = quantity or opened.source.interest or list(data) or None
     if is_single:
         names_of_quantities = [quantity]
     quantities = opened.choose_quantities(names_of_quantities)
@@ -134,9 +137,9 @@ def budget(
     texts = dict.fromkeys(q.text for q in (*quantities, *opened.quantities))
     for name in data:
         known_name(f"measured {name!r} (it is not in [interest])", name, texts, "budget")
-    run_problems.refuse_huge(opened, runs)
-    doubts = run_problems.print_warnings(opened)
-    work = Work(study, opened, quantities, runs)
+    refuse_huge(opened, study.runs())
+    doubts = print_doubts(opened)
+    work = Work(study, quantities)
     parts, first_values = work.numerical()
     parts["input"], shares, remarks_on_input = work.input(inputs, samples, seed)
     parts["start"], remarks_on_starts = work.starts(inputs.starts, seed)
@@ -153,13 +156,6 @@ def budget(
     return replace(result, doubts=doubts, remarks=tuple(remarks))
 
 
-def _table_of(opened: Problem, name: str) -> Mapping[str, Any]:
-    """A table of a scene; an empty one where it is not there, and of a function."""
-    if isinstance(opened, SceneProblem):
-        return opened.tables.get(name) or {}
-    return {}
-
-
 def tolerance_of_data(study: Opened, quantity: Any) -> float:
     """Return a third of the relative uncertainty of the quantities by the uncertain numbers.
 
@@ -172,17 +168,17 @@ def tolerance_of_data(study: Opened, quantity: Any) -> float:
         For a problem without uncertain numbers, or an unknown quantity.
     """
     opened = study.problem
-    inputs = read_inputs(opened, _table_of(opened, "uncertain"))
+    inputs = read_inputs(opened, opened.tables.get("uncertain") or {})
     if not inputs.parameters:
         allowed = "needs numbers in [uncertain] or [fabric.uncertainty]"
-        raise InputError("--to-data", allowed, opened.source)
-    work = Work(study, opened, opened.choose_quantities(quantity), study.runs())
+        raise InputError("--to-data", allowed, opened.where)
+    work = Work(study, opened.choose_quantities(quantity))
     (values,), _ = work.run([("the problem", {})])
     uncertainty, _, _ = work.input(inputs, None, 0)
     return float((uncertainty / (3 * np.abs(values))).min())
 
 
-def _refuse_fields(opened: Problem, quantities: Sequence[Quantity]) -> None:
+def _refuse_fields(opened: StudyProblem, quantities: Sequence[Quantity]) -> None:
     """Raise `InputError` for a quantity that is no number: a field, a path or a vector."""
     row = opened.first.recording(quantity.column for quantity in quantities).row()
     for quantity in quantities:
@@ -205,18 +201,12 @@ class Work:
     ----------
     study
         The opened study.
-    problem
-        Its problem.
     quantities
         The quantities whose uncertainties are added up.
-    runs
-        How cases are run.
     """
 
     study: Opened
-    problem: Problem
     quantities: Sequence[Quantity]
-    runs: run_problems.Runs
 
     def numerical(self) -> tuple[dict[str, Any], np.ndarray]:
         """Run the problem on several levels; return values and numerical uncertainties.
@@ -231,14 +221,9 @@ class Work:
         StudyFailed
             If a level fails.
         """
-        opened = self.problem
+        opened = self.study.problem
         levels = levels_to_run(opened, self.quantities[0], "h", LEVELS, None)
-        points = [
-            run_problems.Point(opened, level, str(level), opened.workload(level))
-            for level in levels
-        ]
-        run_problems.check_points(points, self.runs)
-        rows = run_problems.run_points(points, self.quantities, self.runs)
+        rows = self._rows(levels)
         rows_of_mesh = rows[:LEVELS]
         others = rows[LEVELS:]  # with half of a gap, half of dt, or a sharper solver
         no_share = 0.0 if all(row["status"] == OK for row in others) else np.nan
@@ -246,7 +231,7 @@ class Work:
         for quantity in self.quantities:
             study = summarise(opened, quantity, "h", rows_of_mesh, others)
             if study.estimate is None:
-                raise StudyFailed(f"{opened.source}: {study.verdict}")
+                raise StudyFailed(f"{opened.where}: {study.verdict}")
             # shares are estimated errors: UNSAFE times as much should cover the exact value
             gap = UNSAFE * study.shares.get("gap", no_share)
             time = UNSAFE * study.shares.get("time step", no_share)
@@ -258,13 +243,19 @@ class Work:
         parts = {"value": value, "space": space_u, "time": time_u, "solver": solver_u}
         return parts, self.values(rows[:1])[0]
 
+    def _rows(self, to_run: Sequence[Run | dict]) -> list[Row]:
+        """Run what can run; raise `InputError` if it would take too long."""
+        how = self.study.runs()
+        announce(to_run, how)
+        return run_quantities(to_run, self.quantities, how)
+
     def values(self, rows: Sequence[Mapping]) -> np.ndarray:
         """(rows, quantities) values; NaN of a run that failed."""
         values = np.full((len(rows), len(self.quantities)), np.nan)
         for i, row in enumerate(rows):
             if row["status"] == OK:
                 for k, quantity in enumerate(self.quantities):
-                    values[i, k] = value_of(quantity, run_problems.record_at(row, quantity))
+                    values[i, k] = value_of(quantity, record_at(row, quantity))
         return values
 
     def run(
@@ -282,14 +273,9 @@ class Work:
         The sentence says how many these are, and why the first of them failed; "" for none.
         """
         seeds: Sequence[int | None] = starts or [None] * len(changed)
-        points = [
-            self._point(name, values, seed)
-            for (name, values), seed in zip(changed, seeds, strict=True)
-        ]
-        to_run = [point for point in points if isinstance(point, run_problems.Point)]
-        if to_run:
-            run_problems.check_points(to_run, self.runs)  # raises if they would take too long
-        rows = run_problems.run_or_skip(points, self.quantities, self.runs)
+        pairs = zip(changed, seeds, strict=True)
+        to_run = [self._run_of(name, values, seed) for (name, values), seed in pairs]
+        rows = self._rows(to_run)
         values = self.values(rows)
         failed = np.flatnonzero(np.isnan(values).any(axis=1)).tolist()
         if not failed:
@@ -299,17 +285,14 @@ class Work:
         lost = f"{len(failed)} of {len(rows)} do not count; {changed[first][0]}: {cause[0]}"
         return values, lost
 
-    def _point(
-        self, name: str, values: Mapping[str, Any], seed: int | None
-    ) -> run_problems.Point | dict:
+    def _run_of(self, name: str, values: Mapping[str, Any], seed: int | None) -> Run | dict:
         """What runs; a row with the reason if the values are not admissible together."""
         try:
-            given = json.loads(json.dumps(grouped(self.problem, values), default=list))
-            problem = self.problem.changed(Change(values=given))
+            problem = self.study.problem.at(values, name)
         except InputError as error:
-            return {"status": REFUSED, "cause": str(error)}
-        size = self.problem.workload(FIRST_LEVEL)
-        return run_problems.Point(problem, AS_IS, name, size, disturbed=seed)
+            return failure(REFUSED, error)
+        arguments = {} if seed is None else {"disturbed": seed}
+        return Run(problem, name, arguments=arguments)
 
     def input(
         self, inputs: Inputs, samples: int | None, seed: int
@@ -394,10 +377,10 @@ class Work:
         are its two ends. `laid` (q,) are the values of the problem as it is. Of other problems
         the list is empty. If the shaken cloth fails, the sentence says why.
         """
-        problem = self.problem
-        if not (isinstance(problem, SceneProblem) and problem.scene.equilibrium):
-            return []
-        if not any(isinstance(term, BendingFriction) for term in problem.first.system.terms):
+        problem = self.study.problem
+        has_ends = "friction" in problem.tables.get("equilibrium", {})
+        terms = problem.first.system.terms
+        if not (has_ends and any(isinstance(term, BendingFriction) for term in terms)):
             return []
         (shaken,), lost = self.run([("shaken", {"equilibrium.friction": "shaken"})])
         pairs = zip(self.quantities, laid, shaken, strict=True)

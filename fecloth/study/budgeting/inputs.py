@@ -13,9 +13,8 @@ from fecloth.errors import InputError, brief, is_number
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.uncertainty import PART, Uncertainty, merged
 from fecloth.quantities.units import is_quantity
-from fecloth.study.change import Change
-from fecloth.study.parameters import Parameter, choose_parameters, numbers_of
-from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.parameters import Parameter, choose_parameters
+from fecloth.study.problem import StudyProblem
 
 WHERE = "budget"
 SIGNED = ("poisson_ratio", "bending_poisson_ratio")  # constants that may be negative
@@ -77,7 +76,7 @@ def _is_positive(parameter: Parameter) -> bool:
     return is_of_fabric and parameter.value > 0 and not set(SIGNED) & set(keys)
 
 
-def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
+def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
     """Return the uncertain numbers of a problem, with their covariance and the disturbed starts.
 
     They stand in [fabric.uncertainty] of each fabric, and in `uncertain`: its keys are names of
@@ -97,10 +96,10 @@ def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
     if not (type(starts) is int and 0 <= starts <= MOST_STARTS and starts != 1):
         allowed = f"must be a number of disturbed starts from 2 to {MOST_STARTS}, or 0"
         raise InputError(f"start = {brief(starts)}", allowed, WHERE)
-    numbers = dict(numbers_of(problem))  # values by name
+    numbers = dict(problem.source.numbers())  # values by name
     names = list[str]()
     covariances = [np.zeros((0, 0))]  # numbers of different blocks are independent
-    for prefix, fabric in _fabrics(problem).items():
+    for prefix, fabric in problem.source.fabrics.items():
         keys = [key for key in uncertainties if key.startswith(f"{prefix}.")]
         replaced = {key.removeprefix(f"{prefix}."): uncertainties.pop(key) for key in keys}
         constants, covariance = _read_fabric(fabric, replaced)
@@ -147,17 +146,9 @@ def _flatten(name: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield full_key, value
 
 
-def _fabrics(problem: Problem) -> dict[str, Fabric]:
-    """The fabrics of a scene, by the keys of their tables."""
-    if not isinstance(problem, SceneProblem):
-        return {}
-    scene = problem.scene
-    several = (scene.fabrics or {}).items()
-    tables = {"fabric": scene.fabric} | {f"fabrics.{name}": table for name, table in several}
-    return {name: table.make() for name, table in tables.items() if table}
-
-
-def _read_deviation(problem: Problem | None, key: str, uncertainty: Any, value: float) -> float:
+def _read_deviation(
+    problem: StudyProblem | None, key: str, uncertainty: Any, value: float
+) -> float:
     """Return the standard uncertainty of the number `key`, in the SI unit of the number.
 
     `uncertainty` is a number in SI; a text in per cent of the `value` of the number, as "10 %";
@@ -171,10 +162,9 @@ def _read_deviation(problem: Problem | None, key: str, uncertainty: Any, value: 
             remedy = "Give the uncertainty as a number."
             raise InputError(f'{key} = "{uncertainty}"', "is a part of 0", WHERE, remedy)
         number = float(part[1]) / 100 * abs(value)
-    elif is_text and isinstance(problem, SceneProblem) and is_quantity(uncertainty):
-        # the scene knows the dimension of the key, and reads the text as a value of it
-        changed = problem.changed(Change(values={key: uncertainty}))
-        number = dict(numbers_of(changed)).get(key)
+    elif is_text and problem and is_quantity(uncertainty):
+        # a scene knows the dimension of the key, and reads the text as a value of it
+        number = dict(problem.at({key: uncertainty}).source.numbers()).get(key)
     if not (is_number(number) and number >= 0):
         allowed = 'must be a standard uncertainty >= 0 in the unit of the number, or as "10 %"'
         raise InputError(f"{key} = {brief(uncertainty)}", allowed, WHERE)

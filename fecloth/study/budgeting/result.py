@@ -10,7 +10,7 @@ import numpy as np
 
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.figures import COLOURS, Figure, new_figure
-from fecloth.study.problems import Problem
+from fecloth.study.problem import StudyProblem
 from fecloth.study.result import Cell, StudyResult, Table
 from fecloth.study.status import FAILED
 
@@ -125,7 +125,7 @@ class Budget(StudyResult):
 
 
 def make_budget(
-    opened: Problem,
+    opened: StudyProblem,
     quantities: Sequence[Quantity],
     values_and_parts: Mapping[str, Any],
     measured: Mapping[str, tuple[float, float]],

@@ -9,13 +9,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
-from fecloth.errors import InputError, amount
-from fecloth.study.derived_cases import derive_case
+from fecloth.errors import InputError
 from fecloth.study.fitting.measured import Measured
 from fecloth.study.fitting.specimens import Specimen
 from fecloth.study.fitting.unknowns import Unknown, values_of
-from fecloth.study.run_problems import Runs, Task, run_tasks
-from fecloth.study.status import OK
+from fecloth.study.runs import Run, Runs, run_all
+from fecloth.study.status import OK, REFUSED, failure
 
 SPARE = 0.05  # part of a curve's length by which it goes on straight beyond its end
 # Relative error of the derivatives: below `LEAST_SINGULAR`, so that what is not told is seen.
@@ -228,7 +227,7 @@ class Fitting:
 
     specimens: tuple[Specimen, ...]
     unknowns: tuple[Unknown, ...]
-    runs: Runs
+    how: Runs
 
     @property
     def constants(self) -> tuple[Unknown, ...]:
@@ -260,7 +259,12 @@ class Fitting:
             for i, specimen in enumerate(self.specimens)
             if specimen.experiment.fitted or not only_fitted
         ]
-        rows = self._run(numbers, values, u)
+        try:
+            runs = self.runs(u, numbers)
+        except InputError as error:
+            rows = [failure(REFUSED, error) for _ in numbers]
+        else:
+            rows = run_all(runs, replace(self.how, quiet=True))
         cause = ""
         columns = list[Column]()
         for i, row in zip(numbers, rows, strict=True):
@@ -276,31 +280,16 @@ class Fitting:
                 columns.append(Column(specimen, points, nothing[:, 0], nothing))
         return Evaluation(u, values, tuple(columns), cause)
 
-    def _run(
-        self, numbers: Sequence[int], values: Mapping[str, float], u: np.ndarray
-    ) -> Sequence[Mapping]:
-        """Return the rows of the runs of some specimens, in the order of their `numbers`.
+    def runs(self, u: np.ndarray, numbers: Sequence[int]) -> list[Run]:
+        """Return the runs of the specimens with these `numbers` at the unknowns u (m,).
 
-        If a fabric refuses its constants, nothing is run, and all rows are "refused".
+        Raise `InputError` if a fabric refuses its constants.
         """
+        values = values_of(self.unknowns, u)
         # with dp/du as the unit of each constant p, its derivatives are by u
-        widths = {
-            unknown.name: unknown.slope(at) for unknown, at in zip(self.unknowns, u, strict=True)
-        }
-        try:
-            tasks = [self._task(self.specimens[i], values, widths) for i in numbers]
-        except InputError as error:
-            return [{"status": "refused", "cause": str(error)} for _ in numbers]
-        return run_tasks(tasks, replace(self.runs, quiet=True))
-
-    def _task(
-        self, specimen: Specimen, values: Mapping[str, float], widths: Mapping[str, float]
-    ) -> Task:
-        """Return the run of a specimen with its derivatives by u: widths are dp/du."""
-        words = f"{specimen.experiment.label} with {amount(len(specimen.names), 'derivative')}"
-        sought = specimen.sought(values, widths, ERROR_OF_DERIVATIVES)
-        settings = {"sought": sought.settings()}
-        return Task(derive_case, specimen.at(values), settings, words, specimen.cost)
+        pairs = zip(self.unknowns, u, strict=True)
+        widths = {unknown.name: unknown.slope(float(at)) for unknown, at in pairs}
+        return [self.specimens[i].run(values, widths, ERROR_OF_DERIVATIVES) for i in numbers]
 
     def _computed(self, i: int, row: Mapping, values: Mapping[str, float]) -> Iterator[Computed]:
         """Yield what the run of specimen number i gives for each of its columns.
@@ -346,7 +335,7 @@ class Fitting:
         The misfit is the mean square of the residuals. `phase` is a text before the number. If a
         run failed, the line has the cause in place of the misfit.
         """
-        if self.runs.quiet:
+        if self.how.quiet:
             return
         constants = ", ".join(
             f"{unknown.name.removeprefix('fabric.')} = {at.values[unknown.name]:.4g}"

@@ -1,7 +1,7 @@
 """`fit`: constants of a fabric from several experiments, and what these do not tell."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,7 @@ from fecloth.study.fitting.result import Fit, summarise
 from fecloth.study.fitting.specimens import open_specimens
 from fecloth.study.fitting.statistics import statistics
 from fecloth.study.fitting.unknowns import make_unknowns
-from fecloth.study.run_problems import Runs
-from fecloth.study.workload import check_size
+from fecloth.study.runs import Runs, announce
 
 OF_RUNS = ("cache", "jobs", "scheduler", "time_limit", "most_seconds", "fresh")  # how cases run
 # Evaluations that a start usually takes. On finer meshes, where it begins near the end, no more
@@ -116,19 +115,19 @@ def fit(
         raise InputError("experiments", "must be a list of Experiment", "fit")
     if not any(experiment.fitted for experiment in tests):
         raise InputError("experiments", "at least one must be fitted", "fit")
-    runs = Runs(**{key: shared.pop(key) for key in OF_RUNS if key in shared})
+    how = Runs(**{key: shared.pop(key) for key in OF_RUNS if key in shared})
     # `make_unknowns` refuses parameters that are no mapping
     begin = parameters if isinstance(parameters, Mapping) else {}
     specimens = open_specimens(tests, begin, fabric, shared)
-    fitting = Fitting(specimens, make_unknowns(parameters, specimens), runs)
-    _check_cost(fitting, starts, refined)
+    fitting = Fitting(specimens, make_unknowns(parameters, specimens), how)
+    finer_fitting = fitting.finer() if refined else None
+    _announce(fitting, finer_fitting, starts)
     end, starts_that_end_there = search(fitting, starts)
     remarks = list[str]()
     if starts > 1:
         remarks.append(f"{starts_that_end_there} of {starts} starts end at these constants")
     coarse_end = None
     if refined:
-        finer_fitting = fitting.finer()
         why_not = "no problem has h or dt to refine"
         if finer_fitting:
             finer_end = refine(finer_fitting, end)
@@ -147,14 +146,14 @@ def fit(
     return summarise(fitting, end, coarse_end, title, remarks)
 
 
-def _check_cost(fitting: Fitting, starts: int, refined: bool) -> None:
-    """Print the predicted size, and raise `InputError` for a fit that would take too long."""
-    costs = [specimen.cost for specimen in fitting.specimens]
-    sizes = USUAL_EVALUATIONS * starts * costs
-    if refined:
-        # half of h: four times the triangles
-        sizes += [replace(cost, triangles=4 * cost.triangles) for cost in costs]
-    check_size(sizes, fitting.runs.jobs, fitting.runs.most_seconds, "fit")
+def _announce(fitting: Fitting, finer: Fitting | None, starts: int) -> None:
+    """Print the size of a fit, and raise `InputError` for one that would take too long."""
+    begin = np.zeros(len(fitting.unknowns))
+    numbers = range(len(fitting.specimens))
+    runs = USUAL_EVALUATIONS * starts * fitting.runs(begin, numbers)
+    if finer:
+        runs += finer.runs(begin, numbers)
+    announce(runs, fitting.how)
 
 
 # --- the search: Gauss-Newton steps in a trust region, from several starts ----------------------

@@ -17,8 +17,6 @@ from fecloth.study.fitting.evaluation import Evaluation, Fitting
 from fecloth.study.fitting.measured import ASSUMED_SIGMA
 from fecloth.study.fitting.specimens import fabric_with
 from fecloth.study.fitting.statistics import statistics
-from fecloth.study.parameters import numbers_of
-from fecloth.study.problems import SceneProblem
 from fecloth.study.result import Cell, StudyResult, Table, in_percent, write_csv
 
 Interval = tuple[float, float]
@@ -232,7 +230,7 @@ def _describe_held(fitting: Fitting) -> Iterator[str]:
     """
     held_values: dict[str, dict[str, None]] = {}  # by constant: texts, each once, in their order
     for specimen in fitting.specimens:
-        for name, value in numbers_of(specimen.problem):
+        for name, value in specimen.problem.source.numbers():
             # the unknown may be a pair, whose numbers end with .0 and .1
             is_sought = name in specimen.names or name.rpartition(".")[0] in specimen.names
             if name.startswith("fabric.") and value and not is_sought:
@@ -348,11 +346,12 @@ def _fitted_fabric(
     and their correlations. The table is empty if no problem is a scene, or if no constant of a
     fabric was fitted. `covariance` (k, k) is the one of `values`, in their order.
     """
-    specimen = next((s for s in fitting.specimens if isinstance(s.problem, SceneProblem)), None)
+    tables = (specimen.problem.tables.get("fabric") for specimen in fitting.specimens)
+    table = next(filter(None, tables), None)
     constants = {name: value for name, value in values.items() if name.startswith("fabric.")}
-    if not (specimen and constants):
+    if not (table and constants):
         return {}
-    fabric = fabric_with(specimen.problem.tables["fabric"], constants)
+    fabric = fabric_with(table, constants)
     keys = [name.removeprefix("fabric.") for name in values]
     has_interval = [name in constants and np.isfinite(intervals[name][0]) for name in values]
     with_interval = np.flatnonzero(has_interval).tolist()

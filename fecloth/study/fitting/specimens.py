@@ -1,7 +1,6 @@
 """The specimens of a fit: problems with the sought fabric, and what was measured of them."""
 
 import dataclasses
-import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,20 +13,20 @@ from fecloth.fabric.uncertainty import CONSTANTS
 from fecloth.scene.tables import Shorthands
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.setup import Setup
-from fecloth.study.change import FIRST_LEVEL, Change, Level
 from fecloth.study.derived_cases import Sought
 from fecloth.study.fitting.experiment import Experiment
 from fecloth.study.fitting.measured import Measured, Reach, read_measured
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.parameters import Parameter, grouped, numbers_of, refuse_sizes
-from fecloth.study.problems import Problem, SceneProblem
-from fecloth.study.sensitivities import PRICE
-from fecloth.study.workload import Workload
+from fecloth.study.parameters import Parameter
+from fecloth.study.problem import StudyProblem
+from fecloth.study.runs import Run
+from fecloth.study.sensitivities import derive
 from fecloth.system.state import State
 
 FINER = 2.0  # divides h and dt; its square divides rtol
 TIMES_OF_GRIPS = 41  # in a run, at which the motion of grips is looked at for its extremes
 FABRIC = "fabric"
+OF_FIT = "the fabric of the fit"  # what errors name
 
 Values = Mapping[str, float]
 
@@ -51,7 +50,7 @@ class Specimen:
     """
 
     experiment: Experiment
-    problem: Problem
+    problem: StudyProblem
     names: tuple[str, ...]
     points: tuple[Measured, ...]
     reach: float = 1.0
@@ -66,56 +65,42 @@ class Specimen:
         return columns
 
     @property
-    def cost(self) -> Workload:
-        """Predicted size of a run with derivatives."""
-        size = self.problem.workload(FIRST_LEVEL)
-        return replace(size, steps=round(size.steps * (1 + PRICE * len(self.names))))
-
-    @property
     def is_curve(self) -> bool:
         """Whether the points lie along a curve."""
         return self.experiment.along is not None
 
-    def at(self, values: Values) -> Problem:
-        """The problem with these values of the unknown constants."""
-        own = {name: values[name] for name in self.names}
-        return self.problem.changed(Change(values=grouped(self.problem, own)))
+    def run(self, values: Values, widths: Values, tolerance: float) -> Run:
+        """Return its run at these values of the constants, with derivatives by p/width.
 
-    def sought(self, values: Values, widths: Values, tolerance: float) -> Sought:
-        """What its run computes: derivatives by p/width, with a relative error `tolerance`."""
+        `tolerance` is their relative error.
+        """
         parameters = tuple(Parameter(name, values[name], widths[name]) for name in self.names)
-        return Sought(parameters, self.quantities, tolerance, self.is_curve)
+        problem = self.problem.at({p.name: p.value for p in parameters}, "these constants")
+        sought = Sought(parameters, self.quantities, tolerance, self.is_curve)
+        return derive(problem, sought)
 
     def finer(self) -> "Specimen | None":
         """Return the specimen with half of h and of dt, a quarter of rtol, twice the load steps.
 
         What the problem does not have stays out; return None if it has none of them.
         """
-        problem = self.problem
-        level = Level(
-            h=FINER if problem.can_refine("h") else 1.0,
-            dt=FINER if problem.can_refine("dt") else 1.0,
-            sharper=None,
-            rtol=FINER**2 if problem.rtol else 1.0,
-        )
-        finer_values = _finer_values(problem) if isinstance(problem, SceneProblem) else {}
-        if level.h == level.dt == level.rtol == 1.0 and not finer_values:
+        finer = self.problem.finer(h=FINER, dt=FINER, rtol=FINER**2)
+        finer = finer.at(_finer_values(self.problem))
+        if finer is self.problem:
             return None
-        finer = problem.refined(level)
-        if finer_values:
-            finer = finer.changed(Change(values=finer_values))
         return replace(self, problem=finer)
 
 
-def _finer_values(problem: SceneProblem) -> dict[str, object]:
-    """Return finer values for what a `Level` does not refine, by the keys of the scene.
+def _finer_values(problem: StudyProblem) -> dict[str, object]:
+    """Return finer values for what `StudyProblem.finer` does not refine, by the keys of a scene.
 
     They are more load steps, and a smaller h of each piece of cloth that has an h of its own.
     """
     finer_values = dict[str, object]()
-    equilibrium = problem.scene.equilibrium
-    if equilibrium and equilibrium.load_steps > 1:  # a single one has no path to refine
-        finer_values["equilibrium.load_steps"] = int(FINER * equilibrium.load_steps)
+    load_steps = problem.tables.get("equilibrium", {}).get("load_steps", 1)
+    key = problem.source.keys.get("load_steps")  # a term sets the load steps of a function
+    if key and load_steps > 1:  # a single one has no path to refine
+        finer_values[key] = int(FINER * load_steps)
     for name, piece in problem.tables["cloth"].get("pieces", {}).items():
         if piece.get("h"):
             finer_values[f"cloth.pieces.{name}.h"] = piece["h"] / FINER
@@ -191,7 +176,7 @@ def open_specimens(
     fitted = [specimen for specimen in specimens if specimen.experiment.fitted]
     for name in parameters:
         if not any(name in specimen.names for specimen in fitted):
-            numbers = {key for specimen in fitted for key, _ in numbers_of(specimen.problem)}
+            numbers = {key for each in fitted for key, _ in each.problem.source.numbers()}
             names = sorted(numbers)
             allowed = f"is no number of any fitted experiment, which have {', '.join(names)}"
             raise InputError(f"parameter {name!r}", allowed, "fit", did_you_mean(name, names))
@@ -217,52 +202,47 @@ def _open(
     # a problem that is opened already has had the shared arguments
     arguments = own if isinstance(experiment.problem, Opened) else {**shared, **own}
     problem = open_study(experiment.problem, arguments).problem
-    if isinstance(problem, SceneProblem):
-        problem = _with_fabric(problem, parameters, fabric)
-    else:
-        if fabric is not None:
-            raise InputError("fabric = …", "is for scenes; a function makes its own", "fit")
-        of_function = inspect.signature(problem.function).parameters
-        start = {k: v for k, v in parameters.items() if k.partition(".")[0] in of_function}
-        problem = problem.changed(Change(values=grouped(problem, start)))
-    numbers = dict(numbers_of(problem))
-    names = []
+    problem = _with_fabric(problem, parameters, fabric)
+    names = tuple(name for name in parameters if problem.source.has_parameter(name))
     for name in parameters:
-        # a pair, whose numbers end with .0 and .1, is no number itself
-        is_pair = any(key.startswith(f"{name}.") for key in numbers)
-        if name in numbers or is_pair:
-            names.append(name)
-    for name in parameters:
-        refuse_sizes(problem, name)
+        problem.source.refuse_parameter(name)
     if not names:
+        numbers = dict(problem.source.numbers())
         listed = ", ".join(parameters)
         allowed = f"has none of the parameters {listed}; it has {', '.join(numbers)}"
         remedy = did_you_mean(next(iter(parameters), ""), numbers)
         raise InputError(f"experiment {experiment.label}", allowed, "fit", remedy)
-    return _measure(experiment, problem, tuple(names))
+    problem = problem.at({name: parameters[name] for name in names}, OF_FIT)
+    # without its starts a function may have no set-up, so that nothing can be estimated from it
+    return _measure(experiment, replace(problem, root=None), names)
 
 
 def _with_fabric(
-    problem: SceneProblem, parameters: Values, fabric: Mapping[str, Any] | Fabric | None
-) -> Problem:
+    problem: StudyProblem, parameters: Values, fabric: Mapping[str, Any] | Fabric | None
+) -> StudyProblem:
     """Return the scene with a fabric that has the starts of its constants.
 
-    The fabric is `fabric`, or the scene's own if that is None. Raise `InputError` for a
-    parameter that is no constant of a fabric.
+    The fabric is `fabric`, or the scene's own if that is None. A function makes its own, and
+    stays as it is. Raise `InputError` for a parameter that is no constant of a fabric, and for a
+    fabric beside a function.
     """
+    if not problem.source.fabrics:
+        if fabric is not None:
+            raise InputError("fabric = …", "is for scenes; a function makes its own", "fit")
+        return problem
     start = {k: v for k, v in parameters.items() if k.startswith(f"{FABRIC}.")}
     base: Any = problem.tables.get(FABRIC, {}) if fabric is None else fabric
     if isinstance(base, Fabric):
         base = {k: v for k, v in dataclasses.asdict(base).items() if v not in (None, "")}
     if Shorthands.model_fields.keys() & base.keys():
         # a shorthand, such as a preset, stands for constants: the scene writes them out
-        base = problem.changed(Change(values={FABRIC: base})).tables[FABRIC]
+        base = problem.at({FABRIC: base}, OF_FIT).tables[FABRIC]
     if fabric is None and not start:
         return problem
-    return problem.changed(Change(values={FABRIC: fabric_with(base, start)}))
+    return problem.at({FABRIC: fabric_with(base, start)}, OF_FIT)
 
 
-def _measure(experiment: Experiment, problem: Problem, names: tuple[str, ...]) -> Specimen:
+def _measure(experiment: Experiment, problem: StudyProblem, names: tuple[str, ...]) -> Specimen:
     """Return the specimen of a problem, with the points that were measured.
 
     `names` are the unknown constants that the problem has. Raise `InputError` for a quantity

@@ -10,7 +10,7 @@ import fecloth as fc
 from fecloth.simulation.account import Account, Accounts
 from fecloth.study import run_problems, stability_runs
 from fecloth.study.measured_runs import measure
-from fecloth.study.problems import open_problem
+from fecloth.study.problem import StudyProblem
 
 TIP = [fc.Probe("tip", "right")]
 
@@ -104,7 +104,7 @@ def verdicts(monkeypatch, folder) -> list:
                 "cpu_seconds": 0.1,
             },
         )
-        problem = open_problem(swinging, h=0.15, dt=0.01, t_end=0.1)
+        problem = StudyProblem.of(swinging, h=0.15, dt=0.01, t_end=0.1)
         seen.append(bool(stability_runs.run_with(problem, "bdf2", 4)["warning"]))
     return seen
 

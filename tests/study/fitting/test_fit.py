@@ -229,7 +229,7 @@ def test_an_experiment_that_is_compared_only(folder):
 def test_a_mistake_has_one_line_before_the_first_run(folder, monkeypatch, old, new, words):
     from fecloth.study.fitting import evaluation
 
-    monkeypatch.setattr(evaluation, "run_tasks", lambda *_: pytest.fail("a run"))
+    monkeypatch.setattr(evaluation, "run_all", lambda *_: pytest.fail("a run"))
     (folder / "FIT.toml").write_text(FIT.replace(old, new))
     if "beyond" in words:
         with (folder / "tension.csv").open("a") as stream:
