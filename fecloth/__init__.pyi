@@ -49,8 +49,8 @@ from .study.fitting.fit import fit
 from .study.fitting.result import Fit
 from .study.modes import Modes, modes
 from .study.sensitivities import sensitivity
-from .study.tuning.result import Tuned
-from .study.tuning.tune import tune
+from .study.tuning import tune
+from .study.tuning_result import Tuned
 from .system.lay_down import lay_down
 from .system.pins import Pin, Slide
 from .system.space_error import SpaceError, space_error

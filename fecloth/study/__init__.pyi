@@ -3,7 +3,6 @@
 from .budgeting.budget import budget
 from .budgeting.result import Budget
 from .cases import Case, run_cases
-from .chart_result import Chart
 from .charts import chart
 from .command import StudyFailed, require_packages
 from .comparing import compare
@@ -11,6 +10,8 @@ from .comparison import Comparison, Difference
 from .convergence import Convergence
 from .converging import converge
 from .figures import COLOURS, MARKERS, line_style, mark_failures, new_figure
+from .fronts.front import front
+from .fronts.result import Front
 from .overlay import Overlay, compare_runs
 from .result import StudyResult, Table, write_csv
 from .sensitivities import sensitivity
@@ -28,11 +29,11 @@ __all__ = [
     "MARKERS",
     "Budget",
     "Case",
-    "Chart",
     "Comparison",
     "Convergence",
     "Difference",
     "Estimate",
+    "Front",
     "Overlay",
     "Sensitivity",
     "Simplification",
@@ -50,6 +51,7 @@ __all__ = [
     "compare_runs",
     "converge",
     "estimate_uncertainty",
+    "front",
     "line_style",
     "mark_failures",
     "new_figure",

@@ -109,16 +109,6 @@ class FunctionSource:
         return self.t_end
 
     @property
-    def h(self) -> float | None:
-        """Edge length [m]; None where there is none to refine."""
-        return self.arguments.get("h")
-
-    @property
-    def dt(self) -> float | None:
-        """Fixed step [s]; None where there is none."""
-        return None if self.t_end is None else self.arguments.get("dt")
-
-    @property
     def has_stable_steps(self) -> bool:
         """Whether the steps follow from the limit of an explicit method."""
         return self.is_explicit and self.first.steps.dt is None

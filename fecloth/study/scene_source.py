@@ -114,17 +114,6 @@ class SceneSource:
         return self.scene.time.t_end - self.scene.time.t_start
 
     @property
-    def h(self) -> float | None:
-        """Edge length [m]; None where there is none to refine."""
-        return self.scene.cloth.h
-
-    @property
-    def dt(self) -> float | None:
-        """Fixed step [s]; None where there is none."""
-        time = self.scene.time
-        return None if self.scene.equilibrium or time.dt == "auto" else time.dt
-
-    @property
     def is_nested(self) -> bool:
         """Whether the mesh of half of h has all nodes of the mesh of h."""
         return getattr(self.scene.cloth, "pattern", "unstructured") != "unstructured"

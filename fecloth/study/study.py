@@ -5,7 +5,17 @@ from dataclasses import dataclass, replace
 from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.setup import Setup
 from fecloth.simulation.steps import StepInfo
-from fecloth.study import comparing, converging, stability_map, sweeps
+from fecloth.study import (
+    charts,
+    comparing,
+    converging,
+    sensitivities,
+    stability_map,
+    sweeps,
+    tuning,
+)
+from fecloth.study.budgeting import budget as budgets
+from fecloth.study.fronts import front as fronts
 from fecloth.study.modes import Modes, modes
 from fecloth.study.opened import Opened
 from fecloth.system.state import State
@@ -29,6 +39,11 @@ class Study(Opened):
     compare = comparing.compare
     sweep = sweeps.sweep
     stability = stability_map.stability
+    front = fronts.front
+    chart = charts.chart
+    tune = tuning.tune
+    sensitivity = sensitivities.sensitivity
+    budget = budgets.budget
 
     def modes(self, *, count: int = 6) -> Modes:
         """Find the `fecloth.modes` of lowest frequency about the start or the equilibrium."""

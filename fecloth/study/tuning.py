@@ -214,7 +214,7 @@ def find_tuned(plan: Plan, goal: Goal, model: bool) -> Tuned:
 
 
 def search_within_budget(plan: Plan, bench: Bench, goal: Goal) -> tuple[Search, str]:
-    """Search with smaller and smaller tolerances, as long as a setting within the budget meets them.
+    """Search with smaller tolerances, as long as a setting within the budget meets them.
 
     Return the last search in which one did, or the first one.
     """
@@ -349,7 +349,7 @@ def distance(bench: Bench, a: dict, b: dict) -> float:
     return float(np.nan_to_num(apart, nan=np.inf).max())
 
 
-# --- the answer ------------------------------------------------------------------------------------
+# --- the answer --------------------------------------------------------------------------------
 
 
 def make_tuned(plan: Plan, goal: Goal, reduced: Reduced, search: Search, why: str) -> Tuned:
@@ -416,7 +416,7 @@ def choose_setting(search: Search, goal: Goal) -> Setting:
 
 
 def solver_error(bench: Bench, limit: Limit) -> float:
-    """Return the relative change by a sharper solver on the first level of the limit; 0 for none."""
+    """Return the relative change by a sharper solver on the first level of the limit."""
     first = limit.rows[0]
     if first["problem"].is_static or first["problem"].is_explicit:
         return 0.0

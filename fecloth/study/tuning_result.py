@@ -91,7 +91,8 @@ class Tuned(StudyResult):
         """
         drawing = draw_front(self.table, self.title, ", ".join(self.quantities), unit="")
         (ax,) = drawing.axes
-        tuned = [row for row in self.table if row.get("tuned") and row.get("at most %")]
+        rows: Any = self.table
+        tuned = [row for row in rows if row.get("tuned") and row.get("at most %")]
         for row in tuned:
             ax.plot([row["seconds"]], [row["at most %"]], "o", ms=18, mfc="none", mec="k", mew=1.6)
         if tuned and math.isfinite(self.tolerance):

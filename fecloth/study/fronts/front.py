@@ -10,15 +10,13 @@ from fecloth import validation
 from fecloth.errors import InputError, did_you_mean
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.command import StudyFailed
 from fecloth.study.fronts.bench import Bench
 from fecloth.study.fronts.drawing import best_rows, bound_of, is_known
-from fecloth.study.fronts.limit import Limit, find_limit
+from fecloth.study.fronts.limit import LEAST_LEVELS, Limit, find_limit
 from fecloth.study.fronts.result import Front, describe_front
 from fecloth.study.fronts.search import Search
 from fecloth.study.fronts.settings import PATTERNS, Line, Setting, Settings, make_lines
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.orders import border_of
 from fecloth.study.problem import Asked, StudyProblem
 from fecloth.study.result import Table, read_tolerance
 from fecloth.study.runs import Runs, print_doubts, refuse_huge
@@ -139,6 +137,10 @@ class Plan:
         How cases run.
     study
         The name of the study, by which usual methods are chosen.
+    levels
+        Least number of levels of the limit.
+    finest
+        The least h that settings have [m]; None for any. Levels of the limit may be finer.
     """
 
     problem: StudyProblem
@@ -148,6 +150,8 @@ class Plan:
     seconds: float
     runs: Runs
     study: str = "tune"
+    levels: int = LEAST_LEVELS
+    finest: float | None = None
 
     def names(self, axis: str) -> list | None:
         """Return the names of an axis to try; None for the usual ones, or its own if it stays."""
@@ -215,11 +219,11 @@ class Plan:
 
 def run_front(plan: Plan) -> Front:
     """Find the limit of a plan, run its settings, and return the front."""
-    settings = Settings.of(plan.problem, plan.changes)
+    settings = Settings.of(plan.problem, plan.changes, finest=plan.finest)
     bench = Bench(settings, plan.quantities, plan.runs, plan.seconds)
     lines = plan.lines()
     say("the limit, from coarse levels on")
-    limit = find_limit(bench, lines, plan.tolerance)
+    limit = find_limit(bench, lines, plan.tolerance, plan.levels)
     if values := plan.values:  # the levels of the limit have other h and dt
         bench = bench.with_settings(replace(settings, values=values))
     search, why = search_lines(plan, bench, limit, lines)

@@ -155,12 +155,15 @@ def shrinks(estimate: Estimate) -> bool:
     return estimate.behaviour == "monotone" and estimate.order >= least_order
 
 
-def find_limit(bench: Bench, lines: Sequence[Line], tolerance: float) -> Limit:
+def find_limit(
+    bench: Bench, lines: Sequence[Line], tolerance: float, levels: int = LEAST_LEVELS
+) -> Limit:
     """Refine the most promising line until the uncertainty of the limit is small enough.
 
     Each level halves h and dt. The ladder that should reach the wanted uncertainty in the least
     time goes on, by what its levels took and by how they changed: so a line whose changes do not
     shrink gives way to another. The limit is the one of the ladder with the least uncertainty.
+    It has at least `levels` levels, as far as the time allows.
 
     Raises
     ------
@@ -186,7 +189,9 @@ def find_limit(bench: Bench, lines: Sequence[Line], tolerance: float) -> Limit:
             check_sizes(bench.quantities, limits[0].finest, where)
             checked = True
         best = min(limits, key=lambda limit: limit.uncertainty.max(), default=None)
-        is_known = best is not None and best.uncertainty.max() <= wanted
+        is_known = (
+            best is not None and best.uncertainty.max() <= wanted and len(best.rows) >= levels
+        )
         if is_known or not open_ladders or bench.spent > PART_OF_TIME * bench.seconds:
             break
         ladder = min(open_ladders, key=lambda ladder: ladder.seconds_to(wanted))
@@ -236,7 +241,7 @@ class Ladder:
         starts so much coarser. A line whose coarse setting takes more than `most` CPU seconds has
         no level: others are faster.
         """
-        refine_h, refine_dt = self.bench.settings.can_be_finer(Setting(self.line))
+        refine_h, refine_dt = self.bench.settings.varies(self.line)
         first = Setting(self.line, COARSEST_LEVEL * refine_h, COARSEST_LEVEL * refine_dt)
         if self.bench.run(first, most)["status"] != OK:
             self.is_open = False
@@ -283,7 +288,7 @@ class Ladder:
     @property
     def can_go_on(self) -> bool:
         """Whether a further level can run in the time that is left."""
-        has_sizes = any(self.bench.settings.can_be_finer(Setting(self.line)))
+        has_sizes = any(self.bench.settings.varies(self.line))
         return self.is_open and has_sizes and self.bench.allows(self._next_seconds)
 
     @property
@@ -301,11 +306,11 @@ class Ladder:
 
     def go_on(self) -> None:
         """Run the next level."""
-        refine_h, refine_dt = self.bench.settings.can_be_finer(Setting(self.line))
+        refine_h, refine_dt = self.bench.settings.varies(self.line)
         self._add(self.levels[-1].finer(i=2 * refine_h, j=int(refine_dt)))
 
     def seconds_to(self, wanted: float) -> float:
-        """Return the CPU seconds until the relative uncertainty is small enough, as it falls now."""
+        """Return the CPU seconds until the relative uncertainty is small enough."""
         limit = self.limit
         missing = LEAST_LEVELS - len(self.levels)
         if limit is not None:
@@ -362,7 +367,7 @@ class Ladder:
         """Return the theoretical order of the levels: the least one of h and of dt."""
         problem = self.bench.rows[self.levels[0]]["problem"]
         space_order, time_order = problem.orders(quantity)
-        refine_h, _ = self.bench.settings.can_be_finer(Setting(self.line))
+        refine_h, _ = self.bench.settings.varies(self.line)
         orders = [space_order] * refine_h
         if self.line.method in METHODS or self.line.method in EXPLICIT or problem.dt:
             orders.append(time_order)

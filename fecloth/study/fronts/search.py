@@ -1,4 +1,4 @@
-"""The search for the cheapest setting: settings run in the order of their cost, coarse ones first."""
+"""The search for the cheapest setting: settings run in the order of their cost."""
 
 import heapq
 import math

@@ -1,4 +1,4 @@
-"""The settings of a front: lines of method, element, pattern and terms, each with sizes h and dt."""
+"""The settings of a front: lines of method, element, pattern and terms, with h and dt."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -76,19 +76,22 @@ class Settings:
     values
         The only values of "h" and of "dt" that are tried, the coarsest first; what is left out
         has any value.
+    finest
+        The least h of a setting whose neighbours are sought [m]; None for any.
     """
 
     problem: StudyProblem
     coarsest: float | None
     changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     values: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    finest: float | None = None
 
     @classmethod
     def of(
         cls,
         problem: StudyProblem,
         changes: Mapping[str, Mapping[str, Any]] | None = None,
-        values: Mapping[str, Sequence[float]] | None = None,
+        finest: float | None = None,
     ) -> "Settings":
         """Return the settings of a problem, from meshes that are as coarse as its cloth allows.
 
@@ -98,7 +101,7 @@ class Settings:
         if problem.h is not None:
             extent = np.ptp(problem.first.cloth.X, axis=0)
             coarsest = float(f"{min(*extent, max(extent) / 4):.6g}")
-        return cls(problem, coarsest, changes or {}, values or {})
+        return cls(problem, coarsest, changes or {}, finest=finest)
 
     def sizes_in_time(self, line: Line) -> str:
         """Return what the steps of a line follow: "dt", "rtol", or "" for nothing to refine.
@@ -144,13 +147,19 @@ class Settings:
         problem = self.problem.at(self.changes.get(setting.line.terms, {}), setting.line.terms)
         return problem.choose(name=str(setting.line), **self.choice(setting))
 
+    def varies(self, line: Line) -> tuple[bool, bool]:
+        """Return whether a line has an h, and a dt or rtol, to refine."""
+        return self.coarsest is not None, bool(self.sizes_in_time(line))
+
     def can_be_finer(self, setting: Setting) -> tuple[bool, bool]:
         """Return whether h, and whether dt or rtol, of a setting can be refined."""
-        in_time = self.sizes_in_time(setting.line)
+        has_h, has_steps = self.varies(setting.line)
         last_h = "h" in self.values and setting.i + 1 >= len(self.values["h"])
-        last_dt = in_time == "dt" and "dt" in self.values
+        if self.finest and self.coarsest:
+            last_h |= self.coarsest / RATIO_OF_H ** (setting.i + 1) < 0.99 * self.finest
+        last_dt = "dt" in self.values and self.sizes_in_time(setting.line) == "dt"
         last_dt = last_dt and setting.j + 1 >= len(self.values["dt"])
-        return self.coarsest is not None and not last_h, bool(in_time) and not last_dt
+        return has_h and not last_h, has_steps and not last_dt
 
 
 def make_lines(
@@ -159,7 +168,6 @@ def make_lines(
     elements: Sequence[str] | None,
     models: Sequence[str] | None = None,
     patterns: Sequence[str] | None = None,
-    terms: Sequence[str] = ("",),
     study: str = "front",
 ) -> list[Line]:
     """Return a line for each combination of names.
@@ -191,7 +199,7 @@ def make_lines(
             chosen = usual[what] if given is None else given
             names[what] = known_names(what, chosen, known[what]) or [""]
     combinations = product(*(names[what] for what in ("method", "element", "model", "pattern")))
-    return [Line(*words, change) for words in combinations for change in terms]
+    return [Line(*words) for words in combinations]
 
 
 def usual_methods(problem: StudyProblem, study: str) -> list[str]:
