@@ -301,7 +301,8 @@ class StudyProblem:
     def work(self) -> Work:
         """The estimated size of a run, without its mesh where its root tells enough."""
         root = self.root or self
-        if root is not self and self.source.has_shape_of(root.source)  # type: ignore[arg-type]  # of the same kind:
+        source: Any = self.source
+        if root is not self and source.has_shape_of(root.source):
             triangles = root.work.triangles
             if root.h and self.h:
                 triangles *= (root.h / self.h) ** 2

@@ -90,6 +90,10 @@ class Limit:
         """Whether all quantities have an uncertainty."""
         return bool(np.isfinite(self.uncertainty).all())
 
+    def is_within(self, wanted: float, levels: int) -> bool:
+        """Whether the uncertainty is at most the wanted one, and there are enough levels."""
+        return float(self.uncertainty.max()) <= wanted and len(self.rows) >= levels
+
     def error(self, row: dict) -> np.ndarray:
         """Return the (q,) relative distances of a run to the limit.
 
