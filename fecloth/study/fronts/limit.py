@@ -32,7 +32,7 @@ LEVELS = 4  # of a ladder that are judged: the finest ones
 LEAST_LEVELS = 3  # which show two consecutive changes
 COARSEST_LEVEL = 2  # how often h and dt of the first level of a ladder were refined
 # The uncertainty of the limit over the tolerance, above which the limit is refined further.
-PART_OF_TOLERANCE = 0.2
+PART_OF_TOLERANCE = 0.4
 PART_OF_TIME = 0.6  # of the time of a front that the limit may take
 LEVEL_COSTS = 8.0  # time of a level over the time of the one before: 4 times the triangles, 2 steps
 # Time of the first level of a ladder over the time of the fastest one, above which it is left out.
