@@ -23,15 +23,13 @@ from fecloth.simulation.run import columns
 from fecloth.simulation.setup import Setup
 from fecloth.study.modes import modes as natural_modes
 from fecloth.study.orders import find_obstacles
-from fecloth.study.status import TimeLimit, check_time_limit
+from fecloth.study.status import TimeLimit, check_progress, check_time_limit
 
 WHOLE = ("max", "min", "path", "period", "frequency")  # `how` of quantities of the whole run
 # Runs at most to compare seconds, of which the fastest counts; no run is added once all together
 # have taken this long [s], where the clock is exact enough.
 REPEATS = 3
 LONG_ENOUGH = 1.0
-# The part of its limit of CPU time that a run takes before its steps tell whether it will end.
-FIRST_PART = 0.1
 Solve = Callable[[Setup, Callable[..., None]], dict]
 Rest = Callable[..., Equilibrium]
 
@@ -148,12 +146,9 @@ def _run_once(solve: Solve, setup: Setup, most: float | None) -> tuple[dict, flo
 
     def report(*steps: object) -> None:
         check_time_limit()
-        if most is None:
-            return
-        seconds = time.process_time() - begin
-        done = _part_done(setup, *steps)
-        if seconds > most or (seconds > FIRST_PART * most and seconds > done * most):
-            raise TimeLimit(f"more than {most:.3g} CPU s, by its first steps")
+        check_progress(begin, _part_done(setup, *steps))
+        if most and time.process_time() - begin > most:
+            raise TimeLimit(f"more than {most:g} CPU seconds")
 
     row = solve(setup, report)
     return row, time.process_time() - begin

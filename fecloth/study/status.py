@@ -17,6 +17,9 @@ KILLED = "killed"  # the process of the case ended
 ERROR = "error"  # any other exception: a mistake in the study or in fecloth
 REPRODUCIBLE = (OK, FAILED, REFUSED, LATE)  # a second run would end the same way
 
+# The part of its limit of CPU time that a run takes before its steps tell whether it will end.
+FIRST_PART = 0.1
+
 _current_case = threading.local()
 
 
@@ -30,6 +33,22 @@ def check_time_limit(*_: object) -> None:
     end = getattr(_current_case, "end", None)
     if end is not None and limit is not None and time.process_time() > end:
         raise TimeLimit(describe_time_limit(limit))
+
+
+def check_progress(begin: float, part_done: float) -> None:
+    """Raise `TimeLimit` if the case will be over its CPU time, as its first steps tell.
+
+    `begin` is the CPU time of this process when the run began [s], `part_done` the part of the
+    run that is done.
+    """
+    limit = getattr(_current_case, "limit", None)
+    end = getattr(_current_case, "end", None)
+    if limit is None or end is None:
+        return
+    now = time.process_time()
+    is_telling = now - begin > FIRST_PART * limit
+    if is_telling and begin + (now - begin) / max(part_done, 1e-9) > end:
+        raise TimeLimit(f"{describe_time_limit(limit)}, as its first steps tell")
 
 
 def describe_time_limit(limit: float) -> str:

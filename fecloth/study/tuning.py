@@ -42,6 +42,10 @@ from fecloth.study.tuning_result import Tuned
 PART_OF_CAUSE = 0.25
 NARROWEST_GAP = 32.0  # gaps are divided by so much at most; the error that is left is stated
 SHARPER_SOLVER = 100.0  # divides the solver's tolerance in the run that shows its error
+NO_H = (
+    "the mesh has no h, so it is not refined, and its error in space is not known; "
+    "a .geo file with h in [cloth] can be refined"
+)
 TIGHTER = 10**0.5  # with a budget: a tolerance over the next smaller one that is tried
 FIRST_OF_BUDGET = 0.1  # with a budget: the first tolerance
 LEAST_OF_BUDGET = 1e-5  # and the last one
@@ -377,6 +381,9 @@ def make_tuned(plan: Plan, goal: Goal, reduced: Reduced, search: Search, why: st
     meets = error <= goal.tolerance or goal.has_budget
     in_time = seconds <= goal.budget or row["cpu_seconds"] <= goal.budget
     proved = bool(meets and in_time and again["status"] == OK and math.isfinite(error))
+    if bench.settings.coarsest is None:
+        proved = False
+        why = NO_H
     words = describe_setting(bench, setting)
     rows = make_rows(bench, search.limit)
     for line in rows:

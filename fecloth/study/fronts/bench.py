@@ -18,6 +18,9 @@ from fecloth.study.status import LATE, NO_VALUE, OK, REFUSED, failure
 
 PART_OF_TIME_LEFT = 1 / 3  # the CPU time that a run may take, over the time that is left
 SHORTEST_LIMIT = 1.0  # CPU seconds that every run may take
+# CPU seconds that a case may take for its set-up, beside its run: of any mesh, and of a triangle.
+SET_UP = 0.5
+SET_UP_OF_TRIANGLE = 2e-4
 # The sizes of quantities [SI], and of components over the length of their vector, below which they
 # are zero up to what solvers leave: they have no relative error.
 ZERO_SIZE = 1e-12
@@ -100,17 +103,19 @@ class Bench:
     def run_again(self, setting: Setting) -> Row:
         """Run a setting once more, with its CPU seconds measured with care."""
         how = replace(self.runs, timed=True, fresh=True)
-        return self._measure(setting, how, most=None)
+        return self._measure(setting, how, most=math.inf)
 
-    def _measure(self, setting: Setting, how: Runs, most: float | None) -> Row:
+    def _measure(self, setting: Setting, how: Runs, most: float) -> Row:
         """Return the row of a setting, which runs for at most so many CPU seconds."""
         try:
             problem = self.settings.problem_of(setting)
         except InputError as error:
             return {**failure(REFUSED, error), "problem": self.settings.problem}
-        arguments = {} if most is None else {"most": most}
-        run = Run(problem, f"{setting.line}, {setting.i}, {setting.j}", arguments=arguments)
-        (row,) = run_quantities([run], self.quantities, replace(how, quiet=True))
+        run = Run(problem, f"{setting.line}, {setting.i}, {setting.j}")
+        set_up = SET_UP + SET_UP_OF_TRIANGLE * problem.work.triangles
+        limit = min(how.time_limit or math.inf, round(most + set_up, 2))
+        how = replace(how, quiet=True, time_limit=limit if math.isfinite(limit) else None)
+        (row,) = run_quantities([run], self.quantities, how)
         if row["status"] != OK:
             return row
         try:

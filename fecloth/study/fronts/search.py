@@ -26,9 +26,11 @@ NEAR = 2.0
 class Search:
     """A search for the cheapest setting within a tolerance.
 
-    The setting that should be the cheapest of all that have not run is run next. Its neighbours
-    with a finer h and a shorter dt follow, with an expected time by its own. The search is at its
-    end when all settings left should take longer than the cheapest one that meets the tolerance.
+    The setting that could lead to the cheapest of all is run next. Its neighbours with a finer h
+    and a shorter dt follow, with an expected time by its own, and with a promise: the least time
+    in which their line may meet the tolerance, as each halving of dt divides an error of second
+    order by four. The search is at its end when all promises left are longer than the cheapest
+    setting that meets the tolerance.
 
     Attributes
     ----------
@@ -41,7 +43,8 @@ class Search:
     longest
         CPU seconds that a setting may take [s].
     queue
-        Settings to run with their expected seconds, and a number that keeps their order.
+        Settings to run: their promise [s], a number that keeps their order, their expected
+        seconds, and the setting.
     seen
         The settings that were taken from the queue.
     distances
@@ -52,7 +55,7 @@ class Search:
     limit: Limit
     tolerance: float
     longest: float = math.inf
-    queue: list[tuple[float, int, Setting]] = field(default_factory=list)
+    queue: list[tuple[float, int, float, Setting]] = field(default_factory=list)
     seen: set[Setting] = field(default_factory=set)
     distances: dict[Setting, np.ndarray] = field(default_factory=dict)
     number: Iterator[int] = field(default_factory=count)
@@ -60,10 +63,10 @@ class Search:
     def add_lines(self, lines: Sequence[Line]) -> None:
         """Add the coarsest settings of lines."""
         for line in lines:
-            self._push(FIRST_SECONDS, Setting(line))
+            self._push(FIRST_SECONDS, FIRST_SECONDS, Setting(line))
 
-    def _push(self, seconds: float, setting: Setting) -> None:
-        heapq.heappush(self.queue, (seconds, next(self.number), setting))
+    def _push(self, promise: float, seconds: float, setting: Setting) -> None:
+        heapq.heappush(self.queue, (promise, next(self.number), seconds, setting))
 
     @property
     def cheapest(self) -> Setting | None:
@@ -99,11 +102,11 @@ class Search:
         limit = self.longest
         if self.cheapest:
             limit = min(limit, self.bench.took(self.cheapest))
-        while self.queue and self.queue[0][2] in self.seen:
+        while self.queue and self.queue[0][3] in self.seen:
             heapq.heappop(self.queue)
         if not self.queue or self.queue[0][0] > limit:
             return None
-        return self.queue[0][2]
+        return self.queue[0][3]
 
     def run(self, reserve: float = 0.0) -> str:
         """Run settings until none can be cheaper; return why it ended before, or "".
@@ -111,7 +114,7 @@ class Search:
         `reserve` is the CPU time that is kept, beside three runs of the cheapest setting [s].
         """
         while setting := self.next:
-            expected = self.queue[0][0]
+            promise, _, expected, _ = self.queue[0]
             kept = reserve
             if self.cheapest:
                 kept += 3 * self.bench.took(self.cheapest)
@@ -124,7 +127,7 @@ class Search:
                 self.seen.add(setting)
                 self._add_finer(setting, expected)
             else:  # it takes longer, so that cheaper ones come before it
-                self._push(most, setting)
+                self._push(max(promise, most), most, setting)
         return ""
 
     def _add_finer(self, setting: Setting, expected: float) -> None:
@@ -135,11 +138,16 @@ class Search:
         took = expected
         if row["status"] == OK:
             took = max(self.bench.took(setting), FIRST_SECONDS)
+        ratio = max(self.error(setting) / self.tolerance, 4.0)
+        halvings = math.log(ratio, 4)
+        if math.isinf(halvings):  # it failed, and nothing is known of its error
+            halvings = 1.0
+        promise = GROWTH**halvings * took
         refine_h, refine_dt = self.bench.settings.can_be_finer(setting)
         if refine_h and self._helps(setting, setting.finer(i=-1)):
-            self._push(GROWTH * took, setting.finer(i=1))
+            self._push(promise, GROWTH * took, setting.finer(i=1))
         if refine_dt and self._helps(setting, setting.finer(j=-1)):
-            self._push(GROWTH * took, setting.finer(j=1))
+            self._push(promise, GROWTH * took, setting.finer(j=1))
 
     def _helps(self, setting: Setting, coarser: Setting) -> bool:
         """Whether a further refinement, after the one from `coarser`, may help."""
