@@ -129,8 +129,10 @@ def test_shorter_and_longer_steps_run_until_both_ends_are_known(statuses, second
 def test_a_single_step_is_the_longest():
     problem = StudyProblem.of(sheet, h=0.5, t_end=0.2)
     row = {"problem": problem, "method": "bdf2", "values": {}, "predicted": None, "status": "ok"}
-    counts = [[run.work.steps for run in list_next_runs([row | {"steps": n, "dt": 1 / n}], None)]
-              for n in (1, 2, 3)]
+    counts = [
+        [run.work.steps for run in list_next_runs([row | {"steps": n, "dt": 1 / n}], None)]
+        for n in (1, 2, 3)
+    ]
     assert counts == [[], [1], [2]]
 
 
