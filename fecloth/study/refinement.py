@@ -98,14 +98,11 @@ def levels_to_run(
     problem.check_refining(refine)
     space_order, time_order = problem.orders(quantity)
     ratio = ratio or problem.ratio(refine)
-    ratios = {"h": ratio, "dt": ratio}
+    ratios = {refine: ratio}
     if refine == "both":
-        ratios["dt"] = ratio ** (space_order / time_order)
-    else:
-        ratios = {refine: ratio}
-    runs = []
-    for k in range(levels):
-        runs.append(_level(problem, {}, {name: ratio**k for name, ratio in ratios.items()}))
+        ratios = {"h": ratio, "dt": ratio ** (space_order / time_order)}
+    divisors = [{name: ratio**k for name, ratio in ratios.items()} for k in range(levels)]
+    runs = [_level(problem, {}, of_level) for of_level in divisors]
     return runs + _runs_for_other_errors(problem, quantity, refine, time_order)
 
 

@@ -16,7 +16,7 @@ from fecloth.study.figures import COLUMNS, MOST_GROUPS, Figure, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_table import row_of_run
-from fecloth.study.runs import Run, print_doubts, refuse_huge
+from fecloth.study.runs import Run
 from fecloth.study.scene_source import describe_values
 from fecloth.study.stability_runs import (
     ALL_METHODS,
@@ -73,21 +73,11 @@ class StabilityMap(StudyResult):
         return draw_map(self)
 
     def notes(self) -> list[str]:
-        """Sentences on the columns, on stopped runs, and on methods outside of the figure."""
-        lines = [
+        """What the columns mean."""
+        return [
             "Longest step: up to it the runs reach the end, make at most 5 % of the energy that "
             "moves, and do not warn. Longer steps may be wrong and yet not fail.",
-            "Predicted limit: critical_dt at the start; none if every step is stable in small "
-            "motions.",
         ]
-        # such a run, as one above the time limit, neither holds nor fails
-        if stopped_runs := [row for row in self.cells if row["status"] not in JUDGED]:
-            words = f"{stopped_runs[0]['status']}: {stopped_runs[0]['cause']}"
-            count = errors.amount(len(stopped_runs), "run")
-            lines.append(f"Nothing about the step from {count}; the first: {words}")
-        if len(self.methods) > MOST_GROUPS:
-            lines.append(f"The figure shows the first {MOST_GROUPS} methods, the table all.")
-        return lines
 
     @property
     def exit_status(self) -> int:
@@ -145,11 +135,7 @@ def stability(
     chosen_methods = known_names("method", names, ALL_METHODS, allowed, "stability")
     ranges = read_ranges(over) if over else {}
     combinations = combine(ranges)
-    study = open_study(problem, shared)
-    opened = study.problem.completed(combinations[0])
-    how = study.runs(LONGEST_CASE)
-    refuse_huge(opened, how)
-    doubts = print_doubts(opened)
+    opened, how, doubts = open_study(problem, shared).begin(combinations[0], LONGEST_CASE)
 
     def make(values: dict) -> list[Run]:
         return list_runs(opened.at(values), values, chosen_methods)
@@ -191,20 +177,20 @@ def _table_row(method: str, values: Mapping, rows: Sequence[Mapping]) -> dict:
     """
     low, high = range_of(rows)
     predicted = rows[0]["predicted"]  # the same in all of them
-    words = ""
-    for row in rows:
-        # the shortest step that does not hold; a refused combination has none
-        if row["dt"] in (high, None):
-            cause = row["cause"] if row["dt"] is None else shorten(row["cause"])
-            words = f"{row['status']}: {cause}"
+    ratio = ""
+    if low and predicted and math.isfinite(high + predicted):
+        ratio = f"{low / predicted:.2g}–{high / predicted:.2g}"
+    # the shortest step that does not hold; else a run that was stopped, if there is one
+    told = [(row["status"], shorten(row["cause"])) for row in rows if row["dt"] == high]
+    told += [(row["status"], row["cause"]) for row in rows if row["status"] not in JUDGED]
     return {
         "method": method,
         **values,
         "longest step": describe_range((low, high)),
         "does not fail up to": describe_range(range_of(rows, (OK, WRONG))),
         "predicted limit": describe_limit(predicted),
-        "measured over predicted": describe_ratio((low, high), predicted),
-        "next step": words,
+        "measured over predicted": ratio,
+        "next step": ": ".join(told[0]) if told else "",
     }
 
 
@@ -257,17 +243,6 @@ def describe_range(longest: Range) -> str:
         return f"≥ {in_seconds(low)}"
     number, unit = _scaled(high)
     return f"{low * number / high:.3g}–{number:.3g} {unit}"
-
-
-def describe_ratio(longest: Range, predicted: float | None) -> str:
-    """Return the measured range over the predicted limit in words, as "0.94–1.1".
-
-    Return "" without a predicted limit above 0, or without both ends of the range.
-    """
-    low, high = longest
-    if not predicted or math.isinf(predicted) or low == 0.0 or math.isinf(high):
-        return ""
-    return f"{low / predicted:.2g}–{high / predicted:.2g}"
 
 
 def describe_limit(predicted: float | None) -> str:

@@ -60,7 +60,7 @@ def test_a_study_stops_after_its_first_case_where_the_others_take_too_long(most,
 
 
 def test_lines_say_what_is_stored_and_the_first_words_of_a_cause(capsys):
-    progress = Progress([1.0, 1.0], stored=3, clock=iter([0.0, 1.0, 1.0, 4.0]).__next__)
+    progress = Progress([1.0, 1.0], stored=3, clock=iter([0.0, 1.0, 1.0, 1.0, 4.0]).__next__)
     progress.print("h / 2", {"status": "failed", "cause": "step 1 failed " * 20}, 1.0)
     progress.print("h / 4", {"status": "ok", "cause": "", "case_seconds": 3.0}, 1.0)
     stored, failed, last = capsys.readouterr().err.splitlines()
