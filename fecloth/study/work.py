@@ -4,16 +4,15 @@ import math
 from dataclasses import dataclass
 
 START = 3.0  # CPU seconds of the first run of a process: imports, and machine code from disk
-CASE = 0.1  # CPU seconds of a case beside its steps: set-up, and advice at its end
 MESHING = 3e-5  # CPU seconds per triangle of meshing and binding
-# CPU seconds of a step on a mesh of n triangles by the kind of the step: of any step, and in
-# proportion to n^p, with p = 1.3 where equations are solved. They are fitted to scenes of 26 to
-# 3,700 triangles; what other terms cost, the first case of a study tells.
+# CPU seconds by the kind of steps on n triangles: of a case beside its steps, of any step, and
+# of a step in proportion to n^p, with p = 1.3 where equations are solved. They are fitted to
+# scenes of 26 to 3,700 triangles; what other terms cost, the first case of a study tells.
 RATES = {
-    "explicit": (1.4e-3, 1e-6, 1.0),
-    "implicit": (4e-3, 1.5e-6, 1.3),
-    "with contact": (4.5e-2, 4.5e-6, 1.3),
-    "static": (1e-3, 7e-7, 1.3),  # of a Newton iteration
+    "explicit": (0.02, 1.4e-3, 1e-6, 1.0),
+    "implicit": (0.02, 4e-3, 1.5e-6, 1.3),
+    "with contact": (0.02, 4.5e-2, 4.5e-6, 1.3),
+    "static": (0.1, 1e-3, 7e-7, 1.3),  # of a Newton iteration
 }
 CHOSEN_STEPS = 300  # guessed steps of a run that chooses its steps by their error
 LOAD_STEP = 10  # Newton iterations of a load step
@@ -50,9 +49,9 @@ class Work:
 
         Ratios of it tell more: how much longer a run takes than a similar one of another size.
         """
-        least, rate, power = RATES[self.kind]
+        case, least, rate, power = RATES[self.kind]
         step = least + rate * self.triangles**power
-        return CASE + self.triangles * MESHING + self.steps * step
+        return case + self.triangles * MESHING + self.steps * step
 
 
 def in_words(seconds: float) -> str:
