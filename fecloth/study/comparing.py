@@ -19,16 +19,11 @@ from fecloth.study.comparison import (
     find_scale,
 )
 from fecloth.study.convergence import Convergence, best_value
+from fecloth.study.levels import check_levels, levels_to_run, other_shares
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.overlay import Overlay
 from fecloth.study.problem import StudyProblem
-from fecloth.study.refinement import (
-    Limit,
-    check_levels,
-    levels_to_run,
-    other_shares,
-    summarise,
-)
+from fecloth.study.refinement import Limit, summarise
 from fecloth.study.result import Table
 from fecloth.study.run_table import row_of_run
 from fecloth.study.runs import Run, end_of, print_doubts, record_at, refuse_huge

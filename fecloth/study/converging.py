@@ -15,9 +15,10 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import difference_of, value_of
 from fecloth.study.convergence import Convergence
 from fecloth.study.graded_meshes import choose_gradings, find_lone_pins
+from fecloth.study.levels import check_levels
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import StudyProblem
-from fecloth.study.refinement import check_levels, is_number, refine_problem
+from fecloth.study.refinement import is_number, refine_problem
 from fecloth.study.result import Table
 from fecloth.study.runs import Runs, end_of, record_at
 from fecloth.system.space_error import space_error

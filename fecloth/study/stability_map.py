@@ -1,7 +1,6 @@
 """`stability`: where each method fails, over the step and the values of any key."""
 
 import math
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -12,12 +11,13 @@ from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
-from fecloth.study.figures import COLUMNS, MOST_GROUPS, Figure, new_figure
+from fecloth.study.figures import Figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_table import row_of_run
 from fecloth.study.runs import Run
 from fecloth.study.scene_source import describe_values
+from fecloth.study.stability_figure import draw_map
 from fecloth.study.stability_runs import (
     ALL_METHODS,
     JUDGED,
@@ -27,7 +27,7 @@ from fecloth.study.stability_runs import (
     range_of,
     search,
 )
-from fecloth.study.status import FAILED, OK
+from fecloth.study.status import OK
 from fecloth.study.variants import combine, known_names, plan, read_ranges
 
 LONGEST_CASE = 120.0  # usual limit of the CPU time of a run [s]
@@ -70,7 +70,7 @@ class StabilityMap(StudyResult):
 
     def figure(self) -> Figure:
         """Return a panel for each of the first eight methods: its runs and predicted limit."""
-        return draw_map(self)
+        return draw_map(self.cells, self.methods, self.keys)
 
     def notes(self) -> list[str]:
         """What the columns mean."""
@@ -274,78 +274,3 @@ def _scaled(dt: float) -> tuple[float, str]:
         if dt * factor >= 1 - 1e-9:
             return dt * factor, unit
     return dt * 1e6, "µs"
-
-
-LOOKS: dict[str, dict[str, Any]] = {
-    OK: {"marker": "o", "color": "#0072B2"},
-    WRONG: {"marker": "^", "color": "#E69F00"},
-    FAILED: {"marker": "X", "color": "#D55E00"},
-    "stopped": {"marker": "s", "color": "0.6", "mfc": "none"},
-}
-LIMIT: dict[str, Any] = {"color": "black", "lw": 2, "marker": "_", "label": "predicted limit"}
-
-
-def draw_map(stability: StabilityMap) -> Figure:
-    """Draw the runs of a map: dt of each run over the values of the varied keys.
-
-    There is a panel for each of the first eight methods. Marks show how a run ended; the line
-    is the predicted limit of explicit methods.
-    """
-    methods = stability.methods[:MOST_GROUPS]
-    columns = min(COLUMNS, len(methods))
-    rows = math.ceil(len(methods) / columns)
-    size = max(2.9 * columns, 6.0), 3.1 * rows + 1.1
-    drawing, axes = new_figure(rows, columns, size, squeeze=False, sharex=True, sharey=True)
-    cells = [row for row in stability.cells if row["dt"]]
-    values = [tuple(row[key] for key in stability.keys) for row in cells]
-    lines = {}  # a line of any panel, by its label
-    for ax, method in zip(axes.ravel(), methods, strict=False):  # more panels may be left over
-        runs = [
-            (_place(v), row)
-            for v, row in zip(values, cells, strict=True)
-            if row["method"] == method
-        ]
-        lines |= _draw_runs(ax, runs)
-        ax.set_title(method.replace("_", " "), fontsize=11)
-    for ax in axes.ravel()[len(methods) :]:
-        ax.set_axis_off()
-    first_panel = axes[0, 0]  # all panels share its axes
-    first_panel.set(yscale="log")
-    if isinstance(_place(values[0]), float):
-        first_panel.set(xscale="log")
-    drawing.supylabel("time step [s]")
-    drawing.supxlabel(", ".join(stability.keys))
-    drawing.legend(lines.values(), lines, loc="outside upper center", ncols=5, frameon=False)
-    return drawing
-
-
-def _place(values: tuple) -> float | str:
-    """Return the place of a combination of values on the axis.
-
-    It is the value of the only key, if that is a number above 0, else a text.
-    """
-    if len(values) == 1 and isinstance(values[0], int | float) and values[0] > 0:
-        return float(values[0])
-    return ", ".join(map(str, values))
-
-
-def _draw_runs(ax, runs: Sequence[tuple[float | str, Mapping]]) -> dict[str, Any]:
-    """Draw the runs of a method at their places, and the predicted limit.
-
-    A limit that is not known, 0 or infinite is not drawn. Return the lines by their labels.
-    """
-    points = defaultdict(list)
-    limits = {}
-    for place, row in runs:
-        label = row["status"] if row["status"] in JUDGED else "stopped"
-        points[label].append((place, row["dt"]))
-        if row["predicted"] and math.isfinite(row["predicted"]):
-            limits[place] = row["predicted"]
-    lines = {}
-    for label, look in LOOKS.items():
-        if points[label]:
-            (lines[label],) = ax.plot(*zip(*points[label], strict=True), ls="", ms=7, **look)
-    if limits:
-        (line,) = ax.plot(*zip(*limits.items(), strict=True), **LIMIT)
-        lines[line.get_label()] = line
-    return lines

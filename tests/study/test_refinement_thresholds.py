@@ -11,9 +11,9 @@ from fecloth.study import measured_runs, modes
 from fecloth.study.cases import Progress
 from fecloth.study.convergence import judge
 from fecloth.study.graded_meshes import find_lone_pins
+from fecloth.study.levels import levels_to_run, other_shares
 from fecloth.study.orders import find_obstacles, is_round, is_slack_across
 from fecloth.study.problem import StudyProblem
-from fecloth.study.refinement import levels_to_run, other_shares
 from fecloth.study.stability_runs import judge as judge_run
 from fecloth.study.uncertainty import Estimate, estimate_uncertainty
 from fecloth.study.variants import parse_range
