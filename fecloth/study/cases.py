@@ -57,7 +57,8 @@ class Progress:
         self.quiet = quiet
         self.done = 0
         self.spent = 0.0  # estimated cost of the finished cases
-        self.seconds = 0.0  # what they took, without imports and machine code
+        self.measured = 0.0  # estimated cost of those which measured their seconds
+        self.seconds = 0.0  # what these took, without imports and machine code
         self.begin = clock()
         if stored and not quiet:
             print(f"cases already stored: {stored} of {stored + self.count}", file=sys.stderr)
@@ -70,19 +71,24 @@ class Progress:
     def add(self, cost: float, seconds: float | None = None) -> None:
         """Count a finished case of an estimated cost that took so many seconds.
 
-        Without the seconds, all cases together took the time by the clock.
+        A case without seconds, as one that failed before its end, tells nothing about others.
         """
         self.done += 1
         self.spent += cost
-        if seconds is None:
-            self.seconds = self.at_once * self.elapsed
-        else:
+        if seconds is not None:
+            self.measured += cost
             self.seconds += seconds
 
     @property
     def seconds_left(self) -> float:
-        """Time left [s]: what the finished cases took, in proportion to the costs left."""
-        return (self.cost - self.spent) * self.seconds / self.spent / self.at_once
+        """Time left [s]: what the finished cases took, in proportion to the costs left.
+
+        Without a case that measured its seconds, they took the time by the clock.
+        """
+        left = self.cost - self.spent
+        if self.measured:
+            return left * self.seconds / self.measured / self.at_once
+        return left * self.elapsed / self.spent
 
     def print(self, words: str, result: dict, cost: float) -> None:
         """Count a finished case, and print a line that says which case it was and how it ended.

@@ -15,22 +15,15 @@ from fecloth.simulation.quantity_values import difference_of, value_of
 from fecloth.study.comparison import (
     Comparison,
     Difference,
-    best_value,
     describe_difference,
     find_scale,
 )
-from fecloth.study.convergence import Convergence
+from fecloth.study.convergence import Convergence, best_value
+from fecloth.study.levels import check_levels, levels_to_run, other_shares
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.overlay import Overlay
 from fecloth.study.problem import StudyProblem
-from fecloth.study.refinement import (
-    Limit,
-    check_levels,
-    is_number,
-    levels_to_run,
-    other_shares,
-    summarise,
-)
+from fecloth.study.refinement import Limit, summarise
 from fecloth.study.result import Table
 from fecloth.study.run_table import row_of_run
 from fecloth.study.runs import Run, end_of, print_doubts, record_at, refuse_huge
@@ -144,13 +137,11 @@ def _conclude(
     by_name = {name: study for name, study in studied.items() if isinstance(study, Convergence)}
     studies = {name: study for name, study in by_name.items() if study.estimate}
     first = next(iter(studies.values()), None)
-    scale = math.nan
-    differences = {}
-    if first:
-        scale = find_scale(first)
-        for name, study in studies.items():
-            if study is not first:
-                differences[name] = _subtract(first, study, quantity, scale)
+    differences = {
+        name: _subtract(first, study, quantity)
+        for name, study in studies.items()
+        if first and study is not first
+    }
     overlay, remarks = _make_overlay(list(studies.values())[:2], quantity)
     comparison = Comparison(  # without verdict and table, which are made from it below
         title=", ".join(sorted({study.title for study in by_name.values()})),
@@ -161,80 +152,61 @@ def _conclude(
         refine=refine,
         studies=studies,
         differences=differences,
-        scale=scale,
+        scale=find_scale(first) if first else math.nan,
         overlay=overlay,
         remarks=remarks,
     )
-    has_sign = first is not None and is_number(quantity, record_at(first.levels[0], quantity))
-    lines = [describe_difference(comparison, name, has_sign) for name in differences]
+    lines = [describe_difference(comparison, name) for name in differences]
     rows = [{"variant": name, **_cells(comparison, name, s)} for name, s in studied.items()]
     verdict = "\n".join(lines) or "nothing to compare: less than two variants have a value"
     return replace(comparison, verdict=verdict, table=Table(tuple(rows)))
 
 
-def _subtract(a: Convergence, b: Convergence, quantity: Quantity, scale: float) -> Difference:
-    """Return the difference of the variant b from the first variant a.
+def _subtract(a: Convergence, b: Convergence, quantity: Quantity) -> Difference:
+    """Return the difference d = b − a of the variant b from the first variant a.
 
-    It is in per cent, d = 100 (b/a − 1), or, if the scale is NaN, b − a in the unit of the
-    quantity. Fields, paths and vectors have no limit: their difference is the one on the finest
-    level.
+    It is in % of a, or, if a is zero within its uncertainty, in the unit of the quantity. Fields,
+    paths and vectors have no limit: their difference is the size of the one on the finest level.
 
     There are two estimates of its uncertainty, of which the smaller counts. The first is the
-    sum of the uncertainties of both variants, U_d = 100 (U_b + |b/a| U_a)/|a|, because errors
-    of two models on one mesh are not independent. The second takes the difference on each level
-    as a value that converges by itself: most of the errors of both variants is the same, and
-    drops out. It needs the same levels in both variants.
-
-    Parameters
-    ----------
-    a, b
-        The first variant, and the variant that is compared with it.
-    scale
-        The value that is 100 %, see `find_scale`.
+    sum U_a + U_b, because errors of two models on one mesh are not independent. The second takes
+    the difference on each level as a value that converges by itself: most of the errors of both
+    variants is the same, and drops out. It needs the same levels in both variants. In % the
+    uncertainty of a itself adds |d| U_a/|a|.
     """
-    has_sign = is_number(quantity, record_at(a.levels[0], quantity))
+    is_number = math.isfinite(a.limit)
 
     def subtract(row: Mapping, other: Mapping) -> float:
-        """Return the difference of two runs; of a field, path or vector it has no sign."""
         record, other_record = (record_at(each, quantity) for each in (row, other))
-        if not has_sign:
-            return factor * difference_of(quantity, record, other_record)
-        return relate(value_of(quantity, record), value_of(quantity, other_record))
+        if is_number:
+            return value_of(quantity, other_record) - value_of(quantity, record)
+        return difference_of(quantity, record, other_record)
 
-    def relate(value: float, other: float) -> float:
-        return other - value if math.isnan(scale) else 100 * (other / value - 1)
-
-    factor = 1.0 if math.isnan(scale) else 100 / abs(scale)
     differences = [subtract(*pair) for pair in zip(a.levels, b.levels, strict=True)]
-    limit = differences[-1]
-    growth = 1.0
-    if has_sign:
-        limit = relate(best_value(a), best_value(b))
-        growth = 1.0 if math.isnan(scale) else abs(best_value(b) / best_value(a))
-    uncertainty = factor * (b.uncertainty + growth * a.uncertainty)
+    limit = best_value(b) - best_value(a) if is_number else differences[-1]
+    uncertainty = a.uncertainty + b.uncertainty
     if _have_same_levels(a, b):
         pairs = zip(a.others, b.others, strict=True)
         changes = [abs(subtract(*pair) - differences[0]) for pair in pairs]
         space_order, _ = a.levels[0]["problem"].orders(quantity)
         others = other_shares(a.levels[0], a.others, changes, space_order)
-        refined = Limit.of(_sizes_of(a), differences, a.theory, a.refine, others)
+        refined = Limit.of(a.table[a.size_name], differences, a.theory, a.refine, others)
         if refined.estimate.behaviour != "diverging" and refined.uncertainty < uncertainty:
             limit, uncertainty = refined.estimate.limit, refined.uncertainty
-    return Difference(differences[0], limit, uncertainty)
+    scale = find_scale(a)
+    if math.isnan(scale):
+        return Difference(differences[0], limit, uncertainty)
+    uncertainty += abs(limit / scale) * a.uncertainty
+    factor = 100 / (scale if is_number else abs(scale))
+    return Difference(factor * differences[0], factor * limit, abs(factor) * uncertainty)
 
 
 def _have_same_levels(a: Convergence, b: Convergence) -> bool:
     """Whether both have all runs, on levels in the same ratios."""
     finished = all(row["status"] == OK for row in (*a.others, *b.others))
-    if not finished or len(a.others) != len(b.others):
-        return False
-    sizes, other_sizes = np.array(_sizes_of(a)), np.array(_sizes_of(b))
-    return np.allclose(sizes / sizes[0], other_sizes / other_sizes[0], rtol=0.01)
-
-
-def _sizes_of(study: Convergence) -> list[float]:
-    """Return dt of each level [s], or h [m]."""
-    return study.table["dt" if study.refine == "dt" else "h"]
+    sizes, other_sizes = (np.array(s.table[s.size_name]) for s in (a, b))
+    are_similar = np.allclose(sizes / sizes[0], other_sizes / other_sizes[0], rtol=0.01)
+    return finished and len(a.others) == len(b.others) and are_similar
 
 
 def _cells(comparison: Comparison, name: str, study: Convergence | dict) -> dict:
@@ -249,17 +221,16 @@ def _cells(comparison: Comparison, name: str, study: Convergence | dict) -> dict
         failed = (row for row in study.table if row["status"] != OK)
         row = next(failed, failure(NO_VALUE, study.verdict))
         return failure(str(row["status"]), row["cause"])
-    unit = comparison.unit if math.isnan(comparison.scale) else "%"
-    bracket = f" [{unit}]" if unit else ""
+    bracket = f" [{comparison.unit_of_differences}]".replace(" []", "")
     difference = comparison.differences.get(name)
     results = {
         "value": study.table[0]["value"],
         "error": study.table[0]["error"],
         "limit": best_value(study),
         "uncertainty": study.uncertainty,
-        f"difference as given{bracket}": difference.as_given if difference else None,
-        f"difference of limits{bracket}": difference.limit if difference else None,
-        f"±{bracket}": difference.uncertainty if difference else None,
+        f"difference as given{bracket}": difference and difference.as_given,
+        f"difference of limits{bracket}": difference and difference.limit,
+        f"±{bracket}": difference and difference.uncertainty,
         "order": study.order,
     }
     return row_of_run(study.levels[0], {}, results)

@@ -5,18 +5,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
-from fecloth.study.convergence import Convergence
-from fecloth.study.figures import label_ends, line_style, new_figure
+from fecloth.study.convergence import Convergence, best_value
+from fecloth.study.figures import label_ends, labelled, line_style, new_figure
 from fecloth.study.overlay import Overlay
 from fecloth.study.result import StudyResult, with_uncertainty
 
-# What is refined: its size, the unit of it, and where a value has the given size.
-REFINED = {
-    "h": ("h", "m", "on the given mesh"),
-    "dt": ("dt", "s", "with the given step"),
-    "both": ("h", "m", "on the given mesh and step"),
+# What is refined, and where a value has the given size.
+WHERE = {
+    "h": "on the given mesh",
+    "dt": "with the given step",
+    "both": "on the given mesh and step",
 }
 
 
@@ -80,6 +78,11 @@ class Comparison(StudyResult):
     scale: float = math.nan
     overlay: Overlay | None = None
 
+    @property
+    def unit_of_differences(self) -> str:
+        """The unit of `differences`: "%", or the unit of the quantity."""
+        return self.unit if math.isnan(self.scale) else "%"
+
     def notes(self) -> list[str]:
         """Sentences on variants that failed, that do not converge, and on what was noticed."""
         lines = [f"{row['variant']}: {row['cause']}" for row in self.table if row.get("cause")]
@@ -103,40 +106,20 @@ class Comparison(StudyResult):
         return words
 
     def figure(self):
-        """Return the values over h or dt, each with the band of its limit and its uncertainty.
-
-        A dotted line joins the value of the finest level with the limit at h = 0.
-        """
-        size_name, unit, _ = REFINED[self.refine]
+        """Return the values over h or dt, each with the band of its limit and its uncertainty."""
         drawing, ax = new_figure(size=(8.0, 5.0))
         drawing.suptitle(f"{self.title}: {self.quantity}")
         ends = []
         for i, (name, study) in enumerate(self.studies.items()):
-            sizes = np.array(study.table[size_name], dtype=float)
-            values = np.array(study.table["value"], dtype=float)
-            limit = best_value(study)
-            style = line_style(i)
-            low = limit - study.uncertainty
-            high = limit + study.uncertainty
-            ax.axhspan(low, high, color=style["color"], alpha=0.15, lw=0)
-            ax.plot([0, sizes[-1]], [limit, values[-1]], ":", color=style["color"])
-            ax.plot(sizes, values, **style)
-            ends.append((name, style["color"], sizes[0], values[0]))
-        label = f"{self.quantity} [{self.unit}]" if self.unit else self.quantity
-        ax.set(xlim=(0, None), xlabel=f"{size_name} [{unit}]", ylabel=label)
-        ax.ticklabel_format(useOffset=False)
+            study.draw_values(ax, line_style(i))
+            first = study.table[0]
+            ends.append((name, line_style(i)["color"], first[study.size_name], first["value"]))
+        ax.set(ylabel=labelled(self.quantity, self.unit))
         if ends:
             label_ends(ax, ends)
         else:
             ax.text(0.5, 0.5, "no variant has a value", ha="center", transform=ax.transAxes)
         return drawing
-
-
-def best_value(study: Convergence) -> float:
-    """Return the limit, or the value of the finest level where there is no limit."""
-    if math.isfinite(study.limit):
-        return study.limit
-    return study.value
 
 
 def find_scale(study: Convergence) -> float:
@@ -147,30 +130,22 @@ def find_scale(study: Convergence) -> float:
     return math.nan
 
 
-def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> str:
+def describe_difference(comparison: Comparison, name: str) -> str:
     """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK, 4 % on the given mesh".
 
-    Parameters
-    ----------
-    comparison
-        The comparison, whose `differences` has the variant.
-    name
-        The variant that is compared with the first one.
-    has_sign
-        Whether the difference may be below 0, as of a number; of a field it is a size.
+    `name` is the variant that is compared with the first one.
     """
     first = next(iter(comparison.studies))
     difference = comparison.differences[name]
-    in_units = math.isnan(comparison.scale)
-    unit = comparison.unit if in_units else "%"
+    unit = comparison.unit_of_differences
     size = with_uncertainty(abs(difference.limit), difference.uncertainty, unit)
-    smaller, larger = ("lower", "higher") if in_units else ("smaller", "larger")
     if abs(difference.limit) <= difference.uncertainty:
         sentence = f"{name} and {first} cannot be told apart: the difference is {size}"
-    elif not has_sign:
+    elif not math.isfinite(comparison.studies[first].limit):  # a field, whose difference is a size
         sentence = f"{name} differs from {first} by {size}"
     else:
-        sentence = f"{name} is {size} {smaller if difference.limit < 0 else larger} than {first}"
+        sentence = (
+            f"{name} is {size} {'smaller' if difference.limit < 0 else 'larger'} than {first}"
+        )
     as_given = f"{abs(difference.as_given):.2g} {unit}".strip()
-    _, _, where = REFINED[comparison.refine]
-    return f"{comparison.quantity}: {sentence}, {as_given} {where}"
+    return f"{comparison.quantity}: {sentence}, {as_given} {WHERE[comparison.refine]}"

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from fecloth.mesh.grading import Grading
 from fecloth.simulation.doubts.doubt import Doubt
-from fecloth.study.figures import new_figure, use_plain_ticks
-from fecloth.study.result import StudyResult, in_percent
+from fecloth.study.figures import labelled, line_style, new_figure, use_plain_ticks
+from fecloth.study.result import UNITS, StudyResult, in_percent
 from fecloth.study.uncertainty import Estimate
 
 # The distance of the observed from the theoretical order, over the theoretical one: the levels
@@ -107,63 +108,58 @@ class Convergence(StudyResult):
         Both are over h or, if only the step was refined, over dt. Levels without a value are
         left out. Of graded meshes the left panel shows the errors of uniform meshes, too.
         """
-        size_name = "dt" if self.refine == "dt" else "h"
-        with_value = [row for row in self.table if row.get("value") is not None]
-        uniform = [row for row in with_value if row.get("mesh") == "uniform"]
-        # the rows of graded meshes, if there are some; else all
-        rows = [row for row in with_value if row not in uniform]
-        sizes = np.array([row[size_name] for row in rows], dtype=float)
-        values = np.array([row["value"] for row in rows], dtype=float)
         drawing, (left, right) = new_figure(1, 2, size=(10.0, 4.4))
         drawing.suptitle(f"{self.title}: {self.quantity}")
-        if uniform:
-            uniform_h = [row[size_name] for row in uniform]
-            uniform_errors = [row["error"] for row in uniform]
-            left.loglog(uniform_h, uniform_errors, "s-", color="0.5", label="uniform meshes")
-        self._draw_errors(left, sizes, np.array([row["error"] for row in rows], dtype=float))
-        right.errorbar(
-            sizes[-1:],
-            values[-1:],
-            yerr=[self.uncertainty],
-            fmt="none",
-            ecolor="0.3",
-            capsize=5,
-        )
-        right.plot(sizes, values, "o-", color="#0072B2")
-        if math.isfinite(self.limit) and self.estimate and self.estimate.behaviour == "monotone":
-            right.axhline(self.limit, color="#D55E00", ls="--", label="extrapolated")
-            right.legend()
-        unit = "s" if size_name == "dt" else "m"
-        right.set(xlim=(0, None), xlabel=f"{size_name} [{unit}]")
-        right.set_ylabel(_labelled("value", self.unit))
-        left.set(xlabel=f"{size_name} [{unit}]", ylabel=_labelled("estimated error", self.unit))
-        right.ticklabel_format(useOffset=False)
-        right.locator_params(axis="x", nbins=5)
+        rows_of_mesh: dict[str, list] = {}
+        for row in self.table:
+            if row.get("error"):  # errors of 0 have no place on logarithmic axes
+                label = f"{row['mesh']} meshes" if "mesh" in row else "estimated error"
+                rows_of_mesh.setdefault(label, []).append(row)
+        for i, (label, rows) in enumerate(rows_of_mesh.items()):
+            sizes = np.array([row[self.size_name] for row in rows])
+            errors = [row["error"] for row in rows]
+            left.loglog(sizes, errors, label=label, **line_style(i))
+        if rows_of_mesh:
+            slope = errors[0] * (sizes / sizes[0]) ** self.theory
+            left.loglog(sizes, slope, "--", color="0.5", label=f"order {self.theory:g}")
+            use_plain_ticks(left)
+            left.legend()
+        else:
+            left.text(0.5, 0.5, "no error to show", ha="center", transform=left.transAxes)
+        self.draw_values(right, line_style(0))
+        left.set(xlabel=right.get_xlabel(), ylabel=labelled("estimated error", self.unit))
+        right.set_ylabel(labelled("value", self.unit))
         return drawing
 
-    def _draw_errors(self, ax, h: np.ndarray, errors: np.ndarray) -> None:
-        """Draw the errors over h or dt, and a line with the slope of the theoretical order.
+    @property
+    def size_name(self) -> str:
+        """The column of the table that has the sizes: dt, if only the step was refined, or h."""
+        return "dt" if self.refine == "dt" else "h"
 
-        Errors of 0 have no place on logarithmic axes. If all are 0, the panel only says so.
+    def draw_values(self, ax, style: Mapping[str, Any]) -> None:
+        """Draw the values over h or dt, and a band of the best value with its uncertainty.
+
+        A dotted line joins the value of the finest level with the best value at h = 0.
         """
-        shown = errors > 0
-        if not shown.any():
-            ax.text(0.5, 0.5, "no error to show", ha="center", transform=ax.transAxes)
-            return
-        label = "estimated error"
-        if self.gradings:
-            label = "graded meshes"
-        ax.loglog(h[shown], errors[shown], "o-", color="#0072B2", label=label)
-        if math.isfinite(self.theory) and shown.sum() > 1:
-            line = errors[shown][0] * (h[shown] / h[shown][0]) ** self.theory
-            ax.loglog(h[shown], line, "--", color="0.5", label=f"order {self.theory:g}")
-        use_plain_ticks(ax)
-        ax.legend()
+        rows = [row for row in self.table if row.get("value") is not None]
+        rows = [row for row in rows if row.get("mesh") != "uniform"]
+        sizes = [row[self.size_name] for row in rows]
+        values = [row["value"] for row in rows]
+        best = best_value(self)
+        low, high = best - self.uncertainty, best + self.uncertainty
+        ax.axhspan(low, high, color=style["color"], alpha=0.15, lw=0)
+        ax.plot([0, *sizes[-1:]], [best, *values[-1:]], ":", color=style["color"])
+        ax.plot(sizes, values, **style)
+        ax.set(xlim=(0, None), xlabel=labelled(self.size_name, UNITS[self.size_name]))
+        ax.ticklabel_format(useOffset=False)
+        ax.locator_params(axis="x", nbins=5)
 
 
-def _labelled(name: str, unit: str) -> str:
-    """Return the label of an axis, with the unit if there is one."""
-    return f"{name} [{unit}]" if unit else name
+def best_value(study: Convergence) -> float:
+    """Return the limit, or the value of the finest level where there is no limit."""
+    if math.isfinite(study.limit):
+        return study.limit
+    return study.value
 
 
 def judge(

@@ -15,11 +15,12 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import difference_of, value_of
 from fecloth.study.convergence import Convergence
 from fecloth.study.graded_meshes import choose_gradings, find_lone_pins
+from fecloth.study.levels import check_levels
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import StudyProblem
-from fecloth.study.refinement import check_levels, is_number, refine_problem
+from fecloth.study.refinement import is_number, refine_problem
 from fecloth.study.result import Table
-from fecloth.study.runs import Runs, end_of, print_doubts, record_at, refuse_huge
+from fecloth.study.runs import Runs, end_of, record_at
 from fecloth.system.space_error import space_error
 
 
@@ -67,12 +68,9 @@ def converge(
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
     """
     study = open_study(problem, shared)
-    opened = study.problem
-    how = study.runs()
     check_levels(refine, levels, ratio)
-    opened.check_refining(refine)
-    refuse_huge(opened, how)
-    doubts = print_doubts(opened)
+    study.problem.check_refining(refine)
+    opened, how, doubts = study.begin()
     chosen_quantity = opened.choose_quantity(quantity)
     refined = refine_graded if grade else refine_problem
     convergence = refined(opened, chosen_quantity, refine, levels, ratio, how)

@@ -56,6 +56,11 @@ def use_plain_ticks(ax) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
+def labelled(name: str, unit: str) -> str:
+    """Return the label of an axis, with the unit if there is one."""
+    return f"{name} [{unit}]" if unit else name
+
+
 def line_style(i: int) -> dict[str, object]:
     """Return colour, marker and dashes of line `i`; the first 77 lines all differ."""
     dash = DASHES[i // len(COLOURS) % len(DASHES)]

@@ -9,9 +9,10 @@ from fecloth.errors import InputError
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import LENGTH, TIME
 from fecloth.scene.scene import Scene
+from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.probes import Probe
 from fecloth.study.problem import StudyProblem
-from fecloth.study.runs import Runs
+from fecloth.study.runs import Runs, print_doubts, refuse_huge
 from fecloth.study.work import LONGEST
 
 
@@ -137,6 +138,19 @@ class Opened:
         if self.takes_usual_limit:
             return replace(self.given, time_limit=usual_limit)
         return self.given
+
+    def begin(
+        self, values: Mapping[str, Any] | None = None, usual_limit: float | None = None
+    ) -> tuple[StudyProblem, Runs, tuple[Doubt, ...]]:
+        """Return the problem, how its cases run, and the doubts about it, which are printed.
+
+        A function gets those of the `values` without which it has no set-up; `usual_limit` is
+        as for `runs`. Raise `InputError` for a problem that would take far too long.
+        """
+        problem = self.problem.completed(values or {})
+        how = self.runs(usual_limit)
+        refuse_huge(problem, how)
+        return problem, how, print_doubts(problem)
 
     def __repr__(self) -> str:
         names = ", ".join(problem.name for problem in self.problems)

@@ -312,14 +312,19 @@ class StudyProblem:
         known = self.source if self.source.tells_method else root.source
         if self.is_static:
             load_steps = known.tables["equilibrium"].get("load_steps", 1)
-            return Work(triangles, LOAD_STEP * load_steps, unit="Newton iterations")
+            return Work(triangles, LOAD_STEP * load_steps, "static")
         assert self.span is not None
         steps = float(CHOSEN_STEPS)
         if self.dt is not None:
             steps = math.ceil(self.span / self.dt - 1e-9)
         elif known.has_stable_steps:
             steps = known.count_stable_steps(triangles)
-        return Work(triangles, steps, known.is_explicit)
+        kind = "implicit"
+        if known.is_explicit:
+            kind = "explicit"
+        elif any("gap" in term for term in known.tables.get("terms", ())):
+            kind = "with contact"
+        return Work(triangles, steps, kind)
 
     # --- quantities ---------------------------------------------------------------------------
 

@@ -8,17 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from fecloth import validation
-from fecloth.errors import InputError, did_you_mean
 from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of
 from fecloth.study.convergence import Convergence, judge
+from fecloth.study.levels import REFINED, levels_to_run, other_shares
 from fecloth.study.problem import StudyProblem
 from fecloth.study.result import Table, with_uncertainty
 from fecloth.study.run_table import row_of_run, with_values
 from fecloth.study.runs import (
-    Run,
     Runs,
     announce,
     doubts_of,
@@ -27,30 +25,6 @@ from fecloth.study.runs import (
 )
 from fecloth.study.status import OK
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
-
-# What is refined, and the name of its part of the error.
-REFINED = {"h": "mesh", "dt": "time step", "both": "mesh and time step"}
-# rtol over rtol of the run that shows the error of chosen steps: the error falls to a fifth, so
-# that the change is most of it.
-RTOL_RATIO = 10.0
-RTOL_ORDER = 2 / 3  # global errors of adaptive steps are about proportional to rtol^(2/3)
-
-
-def check_levels(refine: str, levels: int, ratio: float | None) -> None:
-    """Raise `InputError` for a refinement that no problem has.
-
-    That is an unknown `refine`, less than 3 or more than 10 levels, or a ratio outside of 1.1 to
-    10.
-    """
-    if refine not in REFINED:
-        what = f"refine = {refine!r}"
-        remedy = did_you_mean(refine, REFINED)
-        raise InputError(what, 'must be "h", "dt" or "both"', "converge", remedy)
-    validation.whole("levels", levels, 3, "converge", most=10)
-    if ratio is not None:
-        validation.number("ratio", ratio, 0.0, "converge")
-        if not 1.1 <= ratio <= 10:
-            raise InputError(f"ratio = {ratio:g}", "must lie between 1.1 and 10", "converge")
 
 
 def refine_problem(
@@ -80,98 +54,6 @@ def refine_problem(
     announce(runs, how, stages)
     rows = run_quantities(runs, [quantity], how)
     return summarise(problem, quantity, refine, rows[:levels], rows[levels:])
-
-
-def levels_to_run(
-    problem: StudyProblem,
-    quantity: Quantity,
-    refine: str,
-    levels: int,
-    ratio: float | None = None,
-) -> list[Run]:
-    """Return the runs of the levels, coarse to fine, and after them those for other errors.
-
-    With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
-    keep their share. Raise `InputError` for what `check_levels` or the problem refuses.
-    """
-    check_levels(refine, levels, ratio)
-    problem.check_refining(refine)
-    space_order, time_order = problem.orders(quantity)
-    ratio = ratio or problem.ratio(refine)
-    ratios = {"h": ratio, "dt": ratio}
-    if refine == "both":
-        ratios["dt"] = ratio ** (space_order / time_order)
-    else:
-        ratios = {refine: ratio}
-    runs = []
-    for k in range(levels):
-        runs.append(_level(problem, {}, {name: ratio**k for name, ratio in ratios.items()}))
-    return runs + _runs_for_other_errors(problem, quantity, refine, time_order)
-
-
-def _level(problem: StudyProblem, cells: Mapping, divisors: Mapping[str, float]) -> Run:
-    """Return the run of a problem whose sizes and tolerances are divided by these numbers."""
-    parts = [f"{name} / {divisor:.3g}" for name, divisor in divisors.items() if divisor != 1]
-    finer = problem.finer(**{"sharper": 1.0, **divisors})
-    words = " and ".join(parts).replace("sharper / 100", "a sharper tolerance")
-    return Run(finer, words or "the first level", cells)
-
-
-def _runs_for_other_errors(
-    problem: StudyProblem, quantity: Quantity, refine: str, time_order: float
-) -> list[Run]:
-    """Return up to three runs, each of which is the first level with one other refinement.
-
-    They show the errors that the refined levels do not show. One is finer in dt, if h is
-    refined, or in h, if dt is refined. If the error chooses the steps, rtol is divided in place
-    of dt. One halves the gaps of contact, if there is contact. One divides the tolerance of the
-    solver, if steps in time solve equations.
-
-    An error ∝ s^p of the first level changes by the part 1 − r^−p of itself if the size s is
-    divided by r. The cells of the run are the name of the error that it `shows` and this `part`;
-    the part of the mesh follows from the edges as meshed, see `other_shares`.
-    """
-    in_time = not (problem.is_static or quantity.how == "mode")
-    runs = []
-
-    def show(error: str, part: float | None, **divisors: float) -> None:
-        runs.append(_level(problem, {"shows": error, "part": part}, divisors))
-
-    if in_time and refine == "h" and problem.rtol:
-        show("time step", 1 - RTOL_RATIO**-RTOL_ORDER, rtol=RTOL_RATIO)
-    elif in_time and refine == "h" and problem.can_refine("dt"):
-        show("time step", 1 - 2.0**-time_order, dt=2.0)
-    elif in_time and refine == "dt" and problem.can_refine("h"):
-        show("mesh", None, h=problem.ratio("h"))
-    if problem.has_contact:
-        show("gap", 1 - 1 / 2.0, gap=2.0)  # of first order
-    if in_time and not problem.is_explicit:
-        show("solver", 1.0, sharper=100.0)  # a hundredth of the tolerance leaves nearly no error
-    return runs
-
-
-def other_shares(
-    first: Mapping, others: Sequence[Mapping], changes: Sequence[float], space_order: float
-) -> dict[str, float]:
-    """Return the estimated errors that the refined levels do not show, by their names.
-
-    Parameters
-    ----------
-    first
-        Row of the first level.
-    others, changes
-        Rows of the runs for other errors, and how far the quantity is in each from the first
-        level. The error is the change over the part of it that the run shows.
-    space_order
-        Theoretical order in h.
-    """
-    errors = {}
-    for row, change in zip(others, changes, strict=True):
-        part = row["part"]
-        if part is None:
-            part = 1 - (first["edge"] / row["edge"]) ** -space_order
-        errors[row["shows"]] = change / part
-    return errors
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """`stability`: where each method fails, over the step and the values of any key."""
 
 import math
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -12,12 +11,13 @@ from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
-from fecloth.study.figures import COLUMNS, MOST_GROUPS, Figure, new_figure
+from fecloth.study.figures import Figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_table import row_of_run
-from fecloth.study.runs import Run, print_doubts, refuse_huge
+from fecloth.study.runs import Run
 from fecloth.study.scene_source import describe_values
+from fecloth.study.stability_figure import draw_map
 from fecloth.study.stability_runs import (
     ALL_METHODS,
     JUDGED,
@@ -27,7 +27,7 @@ from fecloth.study.stability_runs import (
     range_of,
     search,
 )
-from fecloth.study.status import FAILED, OK
+from fecloth.study.status import OK
 from fecloth.study.variants import combine, known_names, plan, read_ranges
 
 LONGEST_CASE = 120.0  # usual limit of the CPU time of a run [s]
@@ -70,24 +70,14 @@ class StabilityMap(StudyResult):
 
     def figure(self) -> Figure:
         """Return a panel for each of the first eight methods: its runs and predicted limit."""
-        return draw_map(self)
+        return draw_map(self.cells, self.methods, self.keys)
 
     def notes(self) -> list[str]:
-        """Sentences on the columns, on stopped runs, and on methods outside of the figure."""
-        lines = [
+        """What the columns mean."""
+        return [
             "Longest step: up to it the runs reach the end, make at most 5 % of the energy that "
             "moves, and do not warn. Longer steps may be wrong and yet not fail.",
-            "Predicted limit: critical_dt at the start; none if every step is stable in small "
-            "motions.",
         ]
-        # such a run, as one above the time limit, neither holds nor fails
-        if stopped_runs := [row for row in self.cells if row["status"] not in JUDGED]:
-            words = f"{stopped_runs[0]['status']}: {stopped_runs[0]['cause']}"
-            count = errors.amount(len(stopped_runs), "run")
-            lines.append(f"Nothing about the step from {count}; the first: {words}")
-        if len(self.methods) > MOST_GROUPS:
-            lines.append(f"The figure shows the first {MOST_GROUPS} methods, the table all.")
-        return lines
 
     @property
     def exit_status(self) -> int:
@@ -145,11 +135,7 @@ def stability(
     chosen_methods = known_names("method", names, ALL_METHODS, allowed, "stability")
     ranges = read_ranges(over) if over else {}
     combinations = combine(ranges)
-    study = open_study(problem, shared)
-    opened = study.problem.completed(combinations[0])
-    how = study.runs(LONGEST_CASE)
-    refuse_huge(opened, how)
-    doubts = print_doubts(opened)
+    opened, how, doubts = open_study(problem, shared).begin(combinations[0], LONGEST_CASE)
 
     def make(values: dict) -> list[Run]:
         return list_runs(opened.at(values), values, chosen_methods)
@@ -191,20 +177,20 @@ def _table_row(method: str, values: Mapping, rows: Sequence[Mapping]) -> dict:
     """
     low, high = range_of(rows)
     predicted = rows[0]["predicted"]  # the same in all of them
-    words = ""
-    for row in rows:
-        # the shortest step that does not hold; a refused combination has none
-        if row["dt"] in (high, None):
-            cause = row["cause"] if row["dt"] is None else shorten(row["cause"])
-            words = f"{row['status']}: {cause}"
+    ratio = ""
+    if low and predicted and math.isfinite(high + predicted):
+        ratio = f"{low / predicted:.2g}–{high / predicted:.2g}"
+    # the shortest step that does not hold; else a run that was stopped, if there is one
+    told = [(row["status"], shorten(row["cause"])) for row in rows if row["dt"] == high]
+    told += [(row["status"], row["cause"]) for row in rows if row["status"] not in JUDGED]
     return {
         "method": method,
         **values,
         "longest step": describe_range((low, high)),
         "does not fail up to": describe_range(range_of(rows, (OK, WRONG))),
         "predicted limit": describe_limit(predicted),
-        "measured over predicted": describe_ratio((low, high), predicted),
-        "next step": words,
+        "measured over predicted": ratio,
+        "next step": ": ".join(told[0]) if told else "",
     }
 
 
@@ -259,17 +245,6 @@ def describe_range(longest: Range) -> str:
     return f"{low * number / high:.3g}–{number:.3g} {unit}"
 
 
-def describe_ratio(longest: Range, predicted: float | None) -> str:
-    """Return the measured range over the predicted limit in words, as "0.94–1.1".
-
-    Return "" without a predicted limit above 0, or without both ends of the range.
-    """
-    low, high = longest
-    if not predicted or math.isinf(predicted) or low == 0.0 or math.isinf(high):
-        return ""
-    return f"{low / predicted:.2g}–{high / predicted:.2g}"
-
-
 def describe_limit(predicted: float | None) -> str:
     """Return a predicted limit [s] in words; None is not known, infinite is none."""
     if predicted is None:
@@ -299,78 +274,3 @@ def _scaled(dt: float) -> tuple[float, str]:
         if dt * factor >= 1 - 1e-9:
             return dt * factor, unit
     return dt * 1e6, "µs"
-
-
-LOOKS: dict[str, dict[str, Any]] = {
-    OK: {"marker": "o", "color": "#0072B2"},
-    WRONG: {"marker": "^", "color": "#E69F00"},
-    FAILED: {"marker": "X", "color": "#D55E00"},
-    "stopped": {"marker": "s", "color": "0.6", "mfc": "none"},
-}
-LIMIT: dict[str, Any] = {"color": "black", "lw": 2, "marker": "_", "label": "predicted limit"}
-
-
-def draw_map(stability: StabilityMap) -> Figure:
-    """Draw the runs of a map: dt of each run over the values of the varied keys.
-
-    There is a panel for each of the first eight methods. Marks show how a run ended; the line
-    is the predicted limit of explicit methods.
-    """
-    methods = stability.methods[:MOST_GROUPS]
-    columns = min(COLUMNS, len(methods))
-    rows = math.ceil(len(methods) / columns)
-    size = max(2.9 * columns, 6.0), 3.1 * rows + 1.1
-    drawing, axes = new_figure(rows, columns, size, squeeze=False, sharex=True, sharey=True)
-    cells = [row for row in stability.cells if row["dt"]]
-    values = [tuple(row[key] for key in stability.keys) for row in cells]
-    lines = {}  # a line of any panel, by its label
-    for ax, method in zip(axes.ravel(), methods, strict=False):  # more panels may be left over
-        runs = [
-            (_place(v), row)
-            for v, row in zip(values, cells, strict=True)
-            if row["method"] == method
-        ]
-        lines |= _draw_runs(ax, runs)
-        ax.set_title(method.replace("_", " "), fontsize=11)
-    for ax in axes.ravel()[len(methods) :]:
-        ax.set_axis_off()
-    first_panel = axes[0, 0]  # all panels share its axes
-    first_panel.set(yscale="log")
-    if isinstance(_place(values[0]), float):
-        first_panel.set(xscale="log")
-    drawing.supylabel("time step [s]")
-    drawing.supxlabel(", ".join(stability.keys))
-    drawing.legend(lines.values(), lines, loc="outside upper center", ncols=5, frameon=False)
-    return drawing
-
-
-def _place(values: tuple) -> float | str:
-    """Return the place of a combination of values on the axis.
-
-    It is the value of the only key, if that is a number above 0, else a text.
-    """
-    if len(values) == 1 and isinstance(values[0], int | float) and values[0] > 0:
-        return float(values[0])
-    return ", ".join(map(str, values))
-
-
-def _draw_runs(ax, runs: Sequence[tuple[float | str, Mapping]]) -> dict[str, Any]:
-    """Draw the runs of a method at their places, and the predicted limit.
-
-    A limit that is not known, 0 or infinite is not drawn. Return the lines by their labels.
-    """
-    points = defaultdict(list)
-    limits = {}
-    for place, row in runs:
-        label = row["status"] if row["status"] in JUDGED else "stopped"
-        points[label].append((place, row["dt"]))
-        if row["predicted"] and math.isfinite(row["predicted"]):
-            limits[place] = row["predicted"]
-    lines = {}
-    for label, look in LOOKS.items():
-        if points[label]:
-            (lines[label],) = ax.plot(*zip(*points[label], strict=True), ls="", ms=7, **look)
-    if limits:
-        (line,) = ax.plot(*zip(*limits.items(), strict=True), **LIMIT)
-        lines[line.get_label()] = line
-    return lines

@@ -92,6 +92,9 @@ def _run_of(problem: StudyProblem, cells: Mapping, values: Mapping[str, object],
     """Return the run of a problem with a method and so many steps."""
     setup = problem.first
     name = cells["method"]
+    kind = "with contact" if problem.has_contact else "implicit"
+    if name in EXPLICIT:
+        kind = "explicit"
     words = [describe_values(values)] * bool(values) + [name, amount(count, "step")]
     return Run(
         problem,
@@ -99,7 +102,7 @@ def _run_of(problem: StudyProblem, cells: Mapping, values: Mapping[str, object],
         cells={**cells, "dt": _span(setup) / count, "steps": count, "values": values},
         function=run_with,
         arguments={"method": name, "count": count, "energies": list(setup.energies)},
-        own_work=Work(len(setup.cloth.triangles), count, name in EXPLICIT),
+        own_work=Work(len(setup.cloth.triangles), count, kind),
     )
 
 

@@ -10,12 +10,12 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.figures import Figure, line_style, mark_failures, new_figure
+from fecloth.study.figures import Figure, labelled, line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_table import row_of_run, with_values
-from fecloth.study.runs import Run, print_doubts, refuse_huge
+from fecloth.study.runs import Run
 from fecloth.study.scene_source import describe_values
 from fecloth.study.status import OK, REFUSED
 from fecloth.study.variants import combine, plan, read_ranges, run_planned
@@ -69,7 +69,7 @@ class Sweep(StudyResult):
                 label = ", ".join(f"{key} {value}" for key, value in pairs)
                 ax.plot(x, y, label=label, **line_style(i))
                 mark_failures(ax, rows, first_key, str(line_style(i)["color"]))
-            ax.set(xlabel=first_key, ylabel=f"{name} [{unit}]" if unit else name)
+            ax.set(xlabel=first_key, ylabel=labelled(name, unit))
             if _spans_decades([row[first_key] for row in self.table]):
                 ax.set_xscale("log")
             if other_keys:
@@ -105,11 +105,7 @@ def sweep(
     """
     ranges = read_ranges(over)
     combinations = combine(ranges)
-    study = open_study(problem, shared)
-    how = study.runs()
-    opened = study.problem.completed(combinations[0])
-    refuse_huge(opened, how)
-    doubts = print_doubts(opened)
+    opened, how, doubts = open_study(problem, shared).begin(combinations[0])
     quantities = opened.choose_quantities(quantity)
 
     def make(values: dict) -> list[Run]:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-import fecloth as fc
 from fecloth.errors import FeclothError, InputError
 from fecloth.output.atomic_files import DiskFull
 from fecloth.scene.scene import load_scene
@@ -14,23 +13,6 @@ from fecloth.study.problem import StudyProblem
 from fecloth.study.runs import Run, Runs, announce
 from studies import harness
 from studies.harness import exit_status
-
-ROOT = Path(__file__).parents[2]
-SCENE = """
-cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.05 }
-fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-terms = [{ type = "StVK" }]
-pins = [{ where = "left" }]
-time = { method = "bdf2", dt = 0.01, t_end = 0.5 }
-"""
-
-
-@pytest.fixture
-def scene(tmp_path):
-    """Return the path of a scene."""
-    path = tmp_path / "flag.toml"
-    path.write_text(SCENE)
-    return path
 
 
 def parse(*arguments):
@@ -87,13 +69,13 @@ def test_exit_statuses_are_those_of_the_command_line(capsys, error, status, word
 
 def test_the_estimated_size_is_that_of_the_scene(scene):
     problem = StudyProblem.of(scene)
-    assert problem.work.triangles == pytest.approx(len(problem.source.mesh().triangles), rel=0.15)
+    assert problem.work.triangles == pytest.approx(len(problem.source.cloth.triangles), rel=0.15)
     assert problem.work.steps == 50
     assert problem.at({"time.dt": 0.005}).work.steps == 100
     explicit = StudyProblem.of(
         load_scene(scene, ["time.method=central_difference", "time.dt=auto", "cloth.pattern=cross"])
     )
-    triangles = len(explicit.source.mesh().triangles)
+    triangles = len(explicit.source.cloth.triangles)
     assert explicit.work.triangles == pytest.approx(triangles, rel=0.15)
     system = explicit.first.system
     stable = 0.9 * fc.critical_dt(system, system.rest(), "central_difference")

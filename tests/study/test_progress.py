@@ -7,11 +7,10 @@ import fecloth as fc
 from fecloth import study
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
-from fecloth.scene.scene import load_scene
-from fecloth.study import measured_runs, problems
+from fecloth.scene.scene import Scene
+from fecloth.study import measured_runs
 from fecloth.study.cases import Progress
-from fecloth.study.change import Level
-from fecloth.study.scene_problem import SceneProblem
+from fecloth.study.problem import StudyProblem
 from fecloth.study.status import TimeLimit
 
 SCENE = STRIP.partition("interest")[0]
@@ -24,32 +23,46 @@ def scene(tmp_path):
     return file
 
 
-def progress_at(finished, costs, **more):
-    """Return the progress after cases with these costs that finish at these times."""
-    clock = iter([0.0, *(t for t, _ in finished)]).__next__
-    progress = Progress(costs, clock=clock, **more)
-    for _, cost in finished:
-        progress.add(cost)
-    return progress
+def test_the_time_left_is_what_cases_took_in_proportion_to_their_costs():
+    """Not the time by the clock, in which the first case compiles for 10 s."""
+    clock = iter([0.0, 12.0, 14.0]).__next__
+    progress = Progress([1.0, 2.0, 6.0], clock=clock)
+    progress.add(1.0, seconds=2.0)
+    assert progress.seconds_left == pytest.approx(16.0)
+    progress.add(2.0, seconds=2.0)
+    assert progress.seconds_left == pytest.approx(8.0)
 
 
-def test_the_first_case_of_each_process_does_not_count_for_the_time_left():
-    """Two processes start for 10 s; then each case takes 2 s, two at a time."""
-    finished = [(10, 1), (10, 1), (12, 1), (12, 1)]
-    progress = progress_at(finished, [1] * 8, at_once=2, in_seconds=True)
-    assert progress.seconds_left == pytest.approx(4.0)
-    early = progress_at(finished[:1], [1] * 8, at_once=2, in_seconds=True)
-    assert early.seconds_left == pytest.approx(3.5)  # as predicted: 7 s in two processes
+def test_cases_side_by_side_take_a_part_of_the_time():
+    progress = Progress([1.0] * 5, at_once=2)
+    progress.add(1.0, seconds=3.0)
+    assert progress.seconds_left == pytest.approx(6.0)
 
 
-def test_costs_without_a_unit_give_the_time_left_from_the_first_case():
-    assert progress_at([(10, 2)], [2, 6]).seconds_left == pytest.approx(30.0)
+def test_the_clock_counts_until_a_case_has_measured_its_seconds():
+    """A case that failed has none: it ended early."""
+    progress = Progress([2.0, 2.0, 6.0], clock=iter([0.0, 10.0]).__next__)
+    progress.add(2.0)
+    assert progress.seconds_left == pytest.approx(40.0)
+    progress.add(2.0, seconds=3.0)
+    assert progress.seconds_left == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize(("most", "stops"), [(31.0, False), (29.0, True), (None, False)])
+def test_a_study_stops_after_its_first_case_where_the_others_take_too_long(most, stops, capsys):
+    progress = Progress([2.0, 6.0], most_seconds=most, clock=iter([0.0, 10.0]).__next__)
+    result = {"status": "ok", "cause": "", "case_seconds": 10.0}
+    if not stops:
+        progress.print("h", result, 2.0)
+        return
+    with pytest.raises(InputError, match="after the first of 2 cases, about 30 s left"):
+        progress.print("h", result, 2.0)
 
 
 def test_lines_say_what_is_stored_and_the_first_words_of_a_cause(capsys):
-    progress = Progress([1.0, 1.0], stored=3, clock=iter([0.0, 1.0, 4.0]).__next__)
+    progress = Progress([1.0, 1.0], stored=3, clock=iter([0.0, 1.0, 1.0, 1.0, 4.0]).__next__)
     progress.print("h / 2", {"status": "failed", "cause": "step 1 failed " * 20}, 1.0)
-    progress.print("h / 4", {"status": "ok", "cause": ""}, 1.0)
+    progress.print("h / 4", {"status": "ok", "cause": "", "case_seconds": 3.0}, 1.0)
     stored, failed, last = capsys.readouterr().err.splitlines()
     assert stored == "cases already stored: 3 of 5"
     assert failed.startswith("[1/2, 1 s, about 1 s left] h / 2: failed: step 1 failed step")
@@ -93,10 +106,8 @@ def test_the_quantities_of_interest_share_their_runs(scene, tmp_path, capsys):
 def test_a_sweep_builds_each_scene_once(scene, monkeypatch):
     """Its values are checked without their meshes: only the first scene is built to check it."""
     built = []
-    build = problems.Scene.build
-    monkeypatch.setattr(
-        problems.Scene, "build", lambda self, *given: built.append(1) or build(self, *given)
-    )
+    build = Scene.build
+    monkeypatch.setattr(Scene, "build", lambda self, *given: built.append(1) or build(self, *given))
     study.sweep(scene, "fabric.tensile_stiffness=10,20,40")
     assert len(built) == 4
 
@@ -108,14 +119,12 @@ def test_values_that_only_the_mesh_refuses_are_rows_or_an_error(scene):
         study.sweep(scene, {"pins.0.where": ["nowhere"]}, "tip.x")
 
 
-@pytest.mark.parametrize(
-    "command", [study.converge, study.chart, study.simplify, study.sensitivity]
-)
+@pytest.mark.parametrize("command", ["converge", "chart", "simplify", "sensitivity"])
 def test_a_huge_scene_is_refused_before_its_mesh_is_made(command, scene, monkeypatch):
     scene.write_text(scene.read_text().replace("h = 0.125", "h = 1e-5"))
-    monkeypatch.setattr(problems.Scene, "build", lambda self, *given: pytest.fail("it was built"))
-    with pytest.raises(InputError, match="predicted time above 60 min"):
-        command(scene)
+    monkeypatch.setattr(Scene, "build", lambda self, *given: pytest.fail("it was built"))
+    with pytest.raises(InputError, match="above 3,600 s"):
+        getattr(study, command)(scene)
 
 
 def test_the_command_names_its_way_out_and_its_mistakes(scene, capsys):
@@ -130,20 +139,13 @@ def test_the_command_names_its_way_out_and_its_mistakes(scene, capsys):
         assert said in capsys.readouterr().err
 
 
-def test_the_size_of_a_level_needs_no_mesh(scene):
-    opened = problems.open_problem(scene)
-    opened.size  # noqa: B018
-    finer = opened.workload(Level(h=2.0))
-    assert finer.triangles == pytest.approx(4 * len(opened.first.cloth.triangles), rel=1e-12)
-
-
 def test_compilation_does_not_count_against_the_limit_of_a_variant(scene, monkeypatch):
     """The run that warms up is over its limit, as where it compiles; the next is not."""
-    setup = SceneProblem(load_scene(scene), "scene").setup()
+    setup = StudyProblem.of(scene).setup()
     clock = iter([0.0, 2.0, 2.0, 2.5, 3.0])  # begin and step of the first; begin, step and end
     monkeypatch.setattr(measured_runs.time, "process_time", lambda: next(clock))
     row = measured_runs.measure(setup, [], timed=True, repeats=1, most=1.0)
     assert row["cpu_seconds"] == 1.0
     clock = iter([0.0, 2.0])
-    with pytest.raises(TimeLimit, match="more than 1 CPU seconds"):
+    with pytest.raises(TimeLimit, match="more than 1 CPU s"):
         measured_runs.measure(setup, [], most=1.0)

@@ -8,9 +8,9 @@ import pytest
 
 import fecloth as fc
 from fecloth.simulation.account import Account, Accounts
-from fecloth.study import run_problems, stability_runs
+from fecloth.study import measured_runs
 from fecloth.study.measured_runs import measure
-from fecloth.study.problem import StudyProblem
+from fecloth.study.stability_runs import judge
 
 TIP = [fc.Probe("tip", "right")]
 
@@ -58,8 +58,8 @@ t_end = 0.2
 def raised_with(kind):
     """A `measure` whose runs have a doubt of this kind."""
 
-    def measured(problem, **asked):
-        return measure(problem.setup(), **asked) | {"doubts": [fc.Doubt(kind, "words").entry()]}
+    def measured(setup, *asked, **more):
+        return measure(setup, *asked, **more) | {"doubts": [fc.Doubt(kind, "words").entry()]}
 
     return measured
 
@@ -91,21 +91,12 @@ def verdicts(monkeypatch, folder) -> list:
         seen.append([doubt.kind for doubt in fc.equilibrium(pressed, rest).doubts])
         seen.append([doubt.kind for doubt in fc.modes(pressed, rest, count=2).doubts])
     for kind in (fc.DoubtKind.MOTION, fc.DoubtKind.WRINKLES, fc.DoubtKind.UNITS):
-        monkeypatch.setattr(run_problems, "measure_problem", raised_with(kind))
+        monkeypatch.setattr(measured_runs, "measure", raised_with(kind))
         study = fc.study.converge(hidden, "tip.x", h=0.25, levels=3, probes=TIP)
         seen.append((study.converges, study.table["status"] if kind.spoils else None))
     for kind in (fc.DoubtKind.INTERSECTION, fc.DoubtKind.TIME):
-        monkeypatch.setattr(
-            stability_runs,
-            "measure",
-            lambda setup, names, kind=kind: {
-                "doubts": [fc.Doubt(kind, "words").entry()],
-                "columns": {"total": [0.0, 0.0], "pins": [0.0, 0.0]},
-                "cpu_seconds": 0.1,
-            },
-        )
-        problem = StudyProblem.of(swinging, h=0.15, dt=0.01, t_end=0.1)
-        seen.append(bool(stability_runs.run_with(problem, "bdf2", 4)["warning"]))
+        row = {"doubts": [fc.Doubt(kind, "words").entry()], "made": 0.0, "status": "ok"}
+        seen.append(judge(row)["status"] == "wrong")
     return seen
 
 

@@ -1,0 +1,129 @@
+"""The estimated size of a study before its first case, and the time left after it."""
+
+from pathlib import Path
+
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.scene.scene import load_scene
+from fecloth.study.cases import Progress
+from fecloth.study.problem import StudyProblem
+from fecloth.study.runs import Run, Runs, announce
+from fecloth.study.work import Work, in_magnitude
+
+SCENES = Path(__file__).parents[2] / "studies" / "scenes"
+SCENE = """
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.05 }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }]
+pins = [{ where = "left" }]
+time = { method = "bdf2", dt = 0.01, t_end = 0.5 }
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Return the path of a scene."""
+    path = tmp_path / "flag.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def work_of(scene, *changes):
+    return StudyProblem.of(load_scene(scene, changes)).work
+
+
+def test_the_size_is_the_size_of_the_scene(scene):
+    triangles = len(load_scene(scene).mesh().triangles)
+    assert work_of(scene).triangles == pytest.approx(triangles, rel=0.15)
+    assert work_of(scene).steps == 50
+    assert work_of(scene, "time.dt=0.005").steps == 100
+    changes = ["time.method=central_difference", "time.dt=auto", "cloth.pattern=cross"]
+    explicit = load_scene(scene, changes)
+    triangles = len(explicit.mesh().triangles)
+    assert work_of(scene, *changes).triangles == pytest.approx(triangles, rel=0.15)
+    system = explicit.build().system
+    stable = 0.9 * fc.critical_dt(system, system.rest(), "central_difference")
+    assert work_of(scene, *changes).steps == pytest.approx(0.5 / stable, rel=0.7)
+    assert work_of(scene, *changes).kind == "explicit"
+
+
+def test_the_size_of_a_shape_from_a_file_needs_no_fine_mesh():
+    """With h in mm by mistake, the mesh alone would take minutes."""
+    scene = SCENES / "flag.toml"
+    triangles = len(load_scene(scene).mesh().triangles)
+    assert work_of(scene).triangles == pytest.approx(triangles, rel=0.15)
+    assert work_of(scene, "cloth.h=0.0006").triangles == pytest.approx(1e4 * triangles, rel=0.15)
+
+
+def test_kinds_of_steps_and_load_steps_count():
+    five, ten = (
+        work_of(SCENES / "inflated_disk.toml", f"equilibrium.load_steps={n}") for n in (5, 10)
+    )
+    assert (five.steps, ten.steps, five.kind) == (50, 100, "static")
+    assert five.unit == "Newton iterations"
+    assert work_of(SCENES / "drop.toml").kind == "with contact"
+    assert work_of(SCENES / "swing.toml").kind == "implicit"
+
+
+# Measured CPU seconds by triangles and steps: a scene at several h, with the first case first.
+MEASURED = {
+    "swing": ("implicit", [(66, 20, 0.136), (242, 20, 0.176), (944, 20, 0.297), (3720, 20, 1.52)]),
+    "swing, smaller dt": ("implicit", [(242, 20, 0.176), (242, 80, 0.632)]),
+    "drape": ("implicit", [(56, 20, 0.2), (200, 20, 0.39), (794, 20, 0.96), (3112, 20, 6.2)]),
+    "flag": ("implicit", [(85, 25, 0.59), (267, 25, 0.74), (941, 25, 1.24)]),
+    "drop": ("with contact", [(26, 40, 1.75), (90, 40, 2.35), (296, 40, 2.4), (26, 80, 3.07)]),
+    "strip": ("static", [(40, 10, 0.127), (200, 10, 0.186), (800, 10, 0.174), (3200, 10, 0.386)]),
+    "disk": ("static", [(212, 50, 0.222), (780, 50, 0.358), (3058, 50, 1.30)]),
+    "string": (
+        "explicit",
+        [(32, 224, 0.22), (128, 448, 0.46), (512, 895, 1.09), (2048, 1789, 4.4)],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_the_time_left_after_the_first_case_is_right_within_a_factor_of_3(name):
+    kind, cases = MEASURED[name]
+    costs = [Work(triangles, steps, kind).seconds for triangles, steps, _ in cases]
+    seconds = [measured for _, _, measured in cases]
+    progress = Progress(costs)
+    progress.add(costs[0], seconds[0])
+    assert 1 / 3 < progress.seconds_left / sum(seconds[1:]) < 3
+
+
+def test_the_estimated_seconds_of_a_case_by_hand():
+    """30 µs of meshing for each triangle, the time of a case by its kind, and the steps."""
+    implicit, static, contact, explicit = (
+        Work(1000.0, 100, kind).seconds
+        for kind in ("implicit", "static", "with contact", "explicit")
+    )
+    triangles = 1000**1.3
+    assert implicit == pytest.approx(0.05 + 100 * (4e-3 + 1.5e-6 * triangles))
+    assert static == pytest.approx(0.13 + 100 * (1e-3 + 7e-7 * triangles))
+    assert contact == pytest.approx(0.05 + 100 * (4.5e-2 + 4.5e-6 * triangles))
+    assert explicit == pytest.approx(0.05 + 100 * (1.4e-3 + 1e-6 * 1000))
+
+
+def test_magnitudes_in_words():
+    words = [in_magnitude(t) for t in (9, 11, 61, 601, 3601, 86401)]
+    expected = ["some seconds", "half a minute", "minutes", "half an hour", "hours", "2 days"]
+    assert words == expected
+
+
+def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
+    """A width of 40 m, meant in cm, as in a file of a user."""
+    scene.write_text(SCENE.replace("width = 1.0", "width = 40").replace("h = 0.05", "h = 0.01"))
+    problem = StudyProblem.of(scene)
+    runs = [Run(problem.finer(h=by), "") for by in (1, 2, 4)]
+    assert runs[2].work.triangles > 7e6
+    with pytest.raises(InputError, match=r"triangles × 50 steps: .*above 3,600 s.*runs it anyway"):
+        announce(runs, Runs())
+    announce(runs, Runs(most_seconds=None))
+    capsys.readouterr()
+    announce([Run(problem, "", own_work=Work(1000, 50))], Runs(), stages=2)
+    expected = (
+        "at most 2 stages, the first of 1 case, up to 1,000 triangles × 50 steps; it may take"
+    )
+    assert capsys.readouterr().err == f"{expected} some seconds\n"
