@@ -11,6 +11,7 @@ import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.errors import InputError
 from fecloth.simulation.quantity import parse_quantity
+from fecloth.study import tuning
 from fecloth.study.budgeting import budget as budgets
 from fecloth.study.budgeting.budget import Work, probing_change, spread, tolerance_of_data
 from fecloth.study.budgeting.inputs import Inputs, read_inputs
@@ -18,7 +19,6 @@ from fecloth.study.budgeting.result import _shown, make_budget
 from fecloth.study.parameters import Parameter
 from fecloth.study.problem import StudyProblem
 from fecloth.study.runs import Run
-from fecloth.study.tuning import tune as tuning
 
 FORCE = "reaction.right.x"
 SCENE = """
@@ -601,7 +601,7 @@ def test_tune_takes_a_third_of_the_input_uncertainty(tmp_path, monkeypatch, caps
     def stop(tolerance, budget):
         raise InputError(f"{tolerance:.6e}", "is given on")
 
-    monkeypatch.setattr(tuning, "_read_goal", stop)
+    monkeypatch.setattr(tuning, "read_goal", stop)
     with pytest.raises(InputError, match=f"{found:.6e}"):
         fc.tune(path, to_data=True)
     assert f"tolerance by the data: {100 * found:.2g} %" in capsys.readouterr().err
