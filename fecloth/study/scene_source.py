@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -59,6 +59,7 @@ class SceneSource:
     where: str = "the scene"
 
     kind: ClassVar[str] = "scene"
+    suffix: ClassVar[str] = "toml"  # of a file with its text
     is_importable: ClassVar[bool] = True  # other processes can read its tables
     keys: ClassVar[Mapping[str, str]] = {
         "h": "cloth.h",
@@ -150,6 +151,10 @@ class SceneSource:
                 table = {key: table[key] for key in table if key in term.model_fields_set}
             terms.append(table)
         return self.tables | {"terms": terms}
+
+    def interested_in(self, quantities: Sequence[str]) -> "SceneSource":
+        """Return the source with these quantities as [interest]."""
+        return self.changed({"interest": {"quantities": list(quantities)}})
 
     def values_of(self, choice: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values by key of a choice by the names of `keys`, and what goes with it.

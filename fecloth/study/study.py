@@ -5,11 +5,18 @@ from dataclasses import dataclass, replace
 from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.setup import Setup
 from fecloth.simulation.steps import StepInfo
-from fecloth.study import charts, comparing, converging, sensitivities, stability_map, sweeps
+from fecloth.study import (
+    charts,
+    comparing,
+    converging,
+    sensitivities,
+    simplifying,
+    stability_map,
+    sweeps,
+)
 from fecloth.study.budgeting import budget as budgets
 from fecloth.study.modes import Modes, modes
 from fecloth.study.opened import Opened
-from fecloth.study.simplification import simplify
 from fecloth.study.tuning import tune
 from fecloth.system.state import State
 
@@ -35,7 +42,7 @@ class Study(Opened):
     stability = stability_map.stability
     sensitivity = sensitivities.sensitivity
     budget = budgets.budget
-    simplify = simplify.simplify
+    simplify = simplifying.simplify
     tune = tune.tune
 
     def modes(self, *, count: int = 6) -> Modes:

@@ -37,6 +37,11 @@ class Variant:
     kind: str
     by: Any = None
 
+    @property
+    def is_check(self) -> bool:
+        """Whether it refines a size, which shows the error of the problem itself."""
+        return isinstance(self.by, float) and self.by < 1
+
 
 @dataclass(frozen=True)
 class TermVariant(Variant):
