@@ -1,7 +1,7 @@
 """`simplify`: find what a problem does not need, and write the reduced scene."""
 
-import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
@@ -13,11 +13,10 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import relative_difference, size_of
 from fecloth.study.command import StudyFailed
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.problem import StudyProblem
+from fecloth.study.problem import Asked, StudyProblem
 from fecloth.study.refinement import RTOL_ORDER
-from fecloth.study.result import Table, read_tolerance
+from fecloth.study.result import Row, Table, in_percent, read_tolerance
 from fecloth.study.runs import (
-    Row,
     Run,
     Runs,
     announce,
@@ -28,20 +27,18 @@ from fecloth.study.runs import (
 )
 from fecloth.study.sensitivities import describe_weak_terms
 from fecloth.study.simplification_result import (
-    Resolution,
     Simplification,
     Trial,
-    describe_reduced,
     describe_trials,
     describe_weak_friction,
-    judge,
-    resolution_of,
 )
 from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
 from fecloth.study.term_variants import Variant, simpler_terms
 
-LARGER = {"h": (1.5, 2.0), "dt": (2.0, 4.0), "rtol": (2.0, 4.0)}  # factors of sizes
-SMALLER = {"h": 0.5, "dt": 0.5, "rtol": 0.25}  # factors that show the error of the problem itself
+# Factors of sizes: the first shows the error of the problem itself, the others may be cheaper.
+FACTORS = {"h": (0.5, 1.5, 2.0), "dt": (0.5, 2.0, 4.0), "rtol": (0.25, 2.0, 4.0)}
+SIZES = {"h": ("mesh", "m"), "dt": ("time step", "s"), "rtol": ("tolerance of the steps", "1/s")}
+NOISE = 0.05  # differences of seconds below this part of them are noise
 PATIENCE = 3.0  # CPU seconds that a variant may take, over those of the problem itself
 # Values of a scene that is the equilibrium to which its motion comes.
 AT_REST = {
@@ -57,7 +54,7 @@ AT_REST = {
 def simplify(
     problem: Scene | str | Path | Callable | Opened,
     tolerance: float | str = 0.01,
-    quantity: str | Quantity | Sequence[str | Quantity] | None = None,
+    quantity: Asked | Sequence[Asked] | None = None,
     *,
     folder: str | Path | None = None,
     repeats: int = 3,
@@ -65,11 +62,10 @@ def simplify(
 ) -> Simplification:
     """Find the parts of a scene that change its quantities by less than a tolerance; drop them.
 
-    First half of h and half of dt (or a quarter of rtol) show whether the scene itself is
-    resolved. Then each term is left out or replaced by a cheaper one, and resolved triangles
-    and steps become larger. Changes below the tolerance are combined, the greatest saving per
-    change first, as long as the combination stays below the tolerance. The reduced scene is
-    run once more.
+    Half of h and half of dt (or a quarter of rtol) show whether the scene itself is resolved.
+    Each term is left out or replaced by a cheaper one, and triangles and steps become larger.
+    Changes below the tolerance are combined, the greatest saving per change first, as long as
+    the combination stays below the tolerance. The reduced scene is run once more.
 
     Parameters
     ----------
@@ -92,8 +88,8 @@ def simplify(
     Raises
     ------
     InputError
-        For a tolerance outside 0 to 100 %, an unknown quantity, a function as quantity, or too
-        long a time.
+        For a tolerance outside 0 to 100 %, an unknown quantity, a function as quantity of a
+        scene, or too long a time.
     StudyFailed
         If the scene itself fails.
     """
@@ -102,28 +98,42 @@ def simplify(
     how = replace(study.runs(), timed=True, repeats=repeats)
     refuse_huge(study.problem, how)
     quantities = study.problem.choose_quantities(quantity)
-    if any(quantity.function for quantity in quantities):
-        raise InputError("a function as quantity", "must be a text, as 'max tip.z'")
     opened = study.problem.interested_in(quantities)
     doubts = print_doubts(opened)
     weak_terms = describe_weak_terms(opened, quantities, largest_change, replace(how, timed=False))
-    if weak_terms:
-        print(weak_terms, file=sys.stderr, flush=True)
     variants = [*simpler_terms(opened), *other_sizes(opened), *simpler_steps(opened, quantities)]
     announce([Run(opened, ""), *(_run_of(opened, variant) for variant in variants)], how, stages=2)
     original = run_original(opened, quantities, largest_change, how)
-    checks = original.run([variant for variant in variants if variant.is_check])
-    resolutions = original.find_resolutions(checks)
-    others = original.run([variant for variant in variants if not variant.is_check])
-    trials = judge([*checks, *others], resolutions, largest_change)
-    found = _summarise(original, trials, resolutions, folder, weak_terms)
-    return replace(found, doubts=doubts, scene=found.write_scene(folder))
-
-
-def sizes_of(problem: StudyProblem) -> dict[str, float]:
-    """Return h [m], dt [s] and rtol [1/s], without those that the problem does not have."""
-    sizes = {"h": problem.h, "dt": problem.dt, "rtol": problem.rtol}
-    return {kind: size for kind, size in sizes.items() if size}
+    trials = judge(original.run(variants), original)
+    taken, rows = combine(original, trials)
+    reduced = join(taken)
+    file = f"reduced.{opened.source.suffix}"
+    final = None
+    ending = "nothing simpler was found"
+    if taken:
+        (final,) = original.run([replace(reduced, name=file)], fresh=True)
+        rows.append(replace(final, verdict="reduced scene"))
+        ending = f"{file if folder else 'the reduced scene'}: {reduced.name}; it {final.words}"
+    friction = describe_weak_friction(opened.first.system, original.row["ends"])
+    remarks = [weak_terms, friction]
+    remarks += [f"resolved: {trial.words}" for trial in trials if trial.verdict == "resolved"]
+    if opened.h is None:
+        remarks.append("whether the mesh is resolved is not known: the scene has no cloth.h")
+    simplification = Simplification(
+        title=opened.name,
+        doubts=doubts,
+        verdict="\n".join([*describe_trials(trials, largest_change), ending]),
+        table=Table(tuple(trial.row for trial in [*trials, *rows])),
+        tolerance=largest_change,
+        quantities=tuple(quantity.text for quantity in quantities),
+        resolved=all(trial.verdict != "not resolved" for trial in trials),
+        reduced=opened.at(reduced.values).source.text(),
+        file=file,
+        change=final.change if final else 0.0,
+        saved=final.saved if final else 0.0,
+        remarks=tuple(f"{words[0].upper()}{words[1:]}." for words in remarks if words),
+    )
+    return replace(simplification, scene=simplification.write_scene(folder))
 
 
 def other_sizes(problem: StudyProblem) -> Iterator[Variant]:
@@ -131,14 +141,14 @@ def other_sizes(problem: StudyProblem) -> Iterator[Variant]:
 
     A size that the problem does not have is left out, and so are steps longer than the run.
     """
-    for kind, size in sizes_of(problem).items():
-        for factor in (SMALLER[kind], *LARGER[kind]):
-            # 1e-9 is round-off
-            if kind == "dt" and problem.span and size * factor > problem.span * (1 + 1e-9):
-                continue
-            slot = "mesh" if kind == "h" else "time"
-            values = problem.finer_values(**{kind: 1 / factor})
-            yield Variant(f"{kind} × {factor:g}", slot, values, kind, factor)
+    sizes = {"h": problem.h, "dt": problem.dt, "rtol": problem.rtol}
+    for kind, size in sizes.items():
+        longest = problem.span if kind == "dt" and problem.span else math.inf
+        for factor in FACTORS[kind]:
+            if size and size * factor <= longest * (1 + 1e-9):  # 1e-9 is round-off
+                slot = "mesh" if kind == "h" else "time"
+                values = problem.finer_values(**{kind: 1 / factor})
+                yield Variant(f"{kind} × {factor:g}", slot, values, kind, factor, size)
 
 
 def simpler_steps(problem: StudyProblem, quantities: Sequence[Quantity]) -> Iterator[Variant]:
@@ -192,11 +202,6 @@ class Original:
     row: Row
 
     @property
-    def problem(self) -> StudyProblem:
-        """The problem."""
-        return self.row["problem"]
-
-    @property
     def seconds(self) -> float:
         """CPU time of its run [s]."""
         return self.row["cpu_seconds"]
@@ -207,44 +212,37 @@ class Original:
         A variant that takes much longer than the problem is cut off, unless it is a check.
         """
         most = round(PATIENCE * self.seconds + 1, 1)  # 1 s against noise
-        runs = [_run_of(self.problem, v, None if v.is_check else most) for v in variants]
+        problem = self.row["problem"]
+        runs = [_run_of(problem, v, None if v.is_check else most) for v in variants]
         how = replace(self.how, fresh=fresh or self.how.fresh)
         rows = run_quantities(runs, self.quantities, how)
-        return [self._compare(variant, row) for variant, row in zip(variants, rows, strict=True)]
+        return [self.compare(variant, row) for variant, row in zip(variants, rows, strict=True)]
 
-    def _compare(self, variant: Variant, row: Row) -> Trial:
+    def compare(self, variant: Variant, row: Row) -> Trial:
         """Return a variant with the changes that it makes; with the cause if its run failed."""
-        if row["status"] != OK:
-            return Trial(variant, {}, failure(row["status"], row["cause"]))
         changes = {}
         try:
-            for quantity in self.quantities:
+            for quantity in self.quantities if row["status"] == OK else ():
                 records = record_at(self.row, quantity), record_at(row, quantity)
                 changes[quantity.text] = relative_difference(quantity, *records)
         except FeclothError as error:  # for example, a signal has no period
-            return Trial(variant, {}, failure(NO_VALUE, error))
+            row = failure(NO_VALUE, error)
+        if row["status"] != OK:
+            cells = failure(row["status"], row["cause"])
+            return Trial(variant, {}, cells, words=f"{cells['status']}: {cells['cause']}")
+        saved = 1 - row["cpu_seconds"] / self.seconds
+        change = max(changes.values())
+        most_changed = max(changes, key=lambda text: changes[text])
+        saving = f"{'saves' if saved >= 0 else 'adds'} {in_percent(abs(saved))} of the seconds"
         cells = {
-            "change [%]": 100 * max(changes.values()),
-            **{f"{text} [%]": 100 * change for text, change in changes.items()},
+            "change [%]": 100 * change,
+            **{f"{text} [%]": 100 * value for text, value in changes.items()},
             "seconds saved": self.seconds - row["cpu_seconds"],
-            "saved [%]": 100 * (1 - row["cpu_seconds"] / self.seconds),
+            "saved [%]": 100 * saved,
             **{name: row[name] for name in ("cpu_seconds", "triangles", "steps", "status")},
         }
-        return Trial(variant, changes, cells)
-
-    def find_resolutions(self, checks: Sequence[Trial]) -> list[Resolution]:
-        """Return and print whether the problem is resolved in its sizes, by finer runs."""
-        resolutions = []
-        for check in checks:
-            kind = check.variant.kind
-            orders = {}
-            for quantity in self.quantities:
-                order_in_h, order_in_dt = self.problem.orders(quantity)
-                orders[quantity.text] = {"h": order_in_h, "dt": order_in_dt}.get(kind, RTOL_ORDER)
-            size = sizes_of(self.problem)[kind]
-            resolutions.append(resolution_of(check, size, orders, self.tolerance))
-            print(resolutions[-1].words, file=sys.stderr, flush=True)
-        return resolutions
+        words = f"changes {most_changed} by {in_percent(change)} and {saving}"
+        return Trial(variant, changes, cells, words)
 
 
 def run_original(
@@ -274,24 +272,92 @@ def _run_of(problem: StudyProblem, variant: Variant, most: float | None = None) 
     return Run(changed, variant.name, arguments={"most": most} if most else {})
 
 
-def join(variants: Iterable[Variant], name: str = "") -> Variant:
+def judge(trials: Sequence[Trial], original: Original) -> list[Trial]:
+    """Return the trials with their verdicts, the smallest change first.
+
+    A refinement says whether its size is resolved. Another variant is "needed" if the problem
+    needs what it changes: it fails, or changes a quantity by more than the tolerance. A small
+    change by a larger size is "by chance" where the problem itself is not resolved, or where a
+    smaller factor changes more than the tolerance.
+    """
+    judged = list[Trial]()
+    doubtful = set[str]()  # sizes in which the problem is not resolved, or needs its own
+    for trial in sorted(trials, key=lambda trial: trial.variant.by if trial.variant.size else 0):
+        judged.append(_judge_one(trial, original, doubtful))
+        if trial.variant.size and judged[-1].verdict in ("needed", "not resolved"):
+            doubtful.add(trial.variant.kind)
+    return sorted(judged, key=attrgetter("change"))
+
+
+def _judge_one(trial: Trial, original: Original, doubtful: Set[str]) -> Trial:
+    """Return a trial with its verdict; a small change in a doubtful size is by chance."""
+    variant = trial.variant
+    if variant.is_check:
+        return check_size(trial, original)
+    verdict = "not needed, saves nothing"
+    if trial.change > original.tolerance:
+        verdict = "needed"
+    elif variant.kind in doubtful:
+        verdict = "by chance"
+    elif is_worth(variant, trial, original.seconds, original.tolerance):
+        verdict = "not needed"
+    return replace(trial, verdict=verdict)
+
+
+def check_size(check: Trial, original: Original) -> Trial:
+    """Return a trial that refines a size, with the error of the problem by this size in words.
+
+    A refinement by r that changes a quantity by c shows the error c/(1 − r^−p) for the order p
+    (Richardson 1911); the size for the tolerance t is the present size times (t/error)^(1/p).
+    The quantity that needs the smallest size counts.
+    """
+    kind, size = check.variant.kind, check.variant.size
+    what, unit = SIZES[kind]
+    if not check.changes:
+        words = f"the error of the {what} is not known: {check.variant.name} {check.words}"
+        return replace(check, verdict="not resolved", words=words)
+    errors = {}  # in words, by the size that would do
+    for quantity in original.quantities:
+        order_in_h, order_in_dt = original.row["problem"].orders(quantity)
+        order = {"h": order_in_h, "dt": order_in_dt, "rtol": RTOL_ORDER}[kind]
+        error = check.changes[quantity.text] / (1 - check.variant.by**order)  # `by` is 1/r
+        needed = size * (original.tolerance / error) ** (1 / order) if error else math.inf
+        errors[needed] = f"the error of the {what} is about {in_percent(error)} ({quantity.text})"
+    needed = min(errors)
+    words = errors[needed]
+    if needed >= size:
+        return replace(check, verdict="resolved", words=words)
+    words += f"; {kind} of about {needed:.2g} {unit} in place of {size:g} {unit} would do"
+    return replace(check, verdict="not resolved", words=words)
+
+
+def is_worth(variant: Variant, trial: Trial, seconds: float, tolerance: float) -> bool:
+    """Whether a variant may be taken, by a run with it; without it the run takes `seconds`.
+
+    All changes have to be within the tolerance. To leave out a term need not save seconds.
+    """
+    saves = trial.cells["cpu_seconds"] < (1 - NOISE) * seconds
+    return trial.change <= tolerance and (saves or variant.kind == "without")
+
+
+def join(variants: Sequence[Variant]) -> Variant:
     """Return the variant that has the values of several, one for each slot."""
     values = dict[str, Any]()
     for variant in variants:
         values |= variant.values
-    return Variant(name or " + ".join(v.name for v in variants), "", values, kind="joined")
+    return Variant(" + ".join(variant.name for variant in variants), "", values, kind="joined")
 
 
-def combine(original: Original, trials: Sequence[Trial]) -> tuple[dict[str, Variant], list[Trial]]:
+def combine(original: Original, trials: Sequence[Trial]) -> tuple[list[Variant], list[Trial]]:
     """Take one needless variant after the other, as long as all together change little.
 
     Those that save most per change come first. Each is run together with all that are taken so
-    far, and is taken if that run is worth it, see `Trial.is_worth`. It takes the place of an
-    earlier variant of its slot, unless that left out a term.
+    far, and is taken if that run is worth it, see `is_worth`. It takes the place of an earlier
+    variant of its slot, unless that left out a term.
 
-    Return the variants that are taken, by their slots, and the runs of several variants.
+    Return the variants that are taken, and the runs of several variants.
     """
-    taken = dict[str, Variant]()
+    taken = dict[str, Variant]()  # by slot
     seconds = original.seconds
     combinations = list[Trial]()
     needless = [trial for trial in trials if trial.verdict == "not needed"]
@@ -301,53 +367,12 @@ def combine(original: Original, trials: Sequence[Trial]) -> tuple[dict[str, Vari
             continue
         together = {**taken, variant.slot: variant}
         if len(together) > 1:  # alone it has run already
-            (trial,) = original.run([join(together.values())])
-        is_taken = trial.is_worth(variant, original.tolerance, seconds)
+            (trial,) = original.run([join([*together.values()])])
+        is_taken = is_worth(variant, trial, seconds, original.tolerance)
         if len(together) > 1:
             verdict = "combined" if is_taken else "combined, not taken"
             combinations.append(replace(trial, verdict=verdict))
         if is_taken:
             taken = together
-            seconds = trial.row["cpu_seconds"]
-    return taken, combinations
-
-
-def _summarise(
-    original: Original,
-    trials: Sequence[Trial],
-    resolutions: Sequence[Resolution],
-    folder: str | Path | None,
-    weak_terms: str,
-) -> Simplification:
-    """Combine the needless variants, run the reduced problem once more, and return the result.
-
-    `weak_terms` is a sentence on terms that change little, or "".
-    """
-    problem = original.problem
-    taken, shown = combine(original, trials)
-    file = f"reduced.{problem.source.suffix}"
-    reduced = join(taken.values(), name=file)
-    final = None
-    if taken:
-        final = replace(original.run([reduced], fresh=True)[0], verdict="reduced scene")
-        shown = [*shown, final]
-    words = [r.words for r in resolutions if not r.is_resolved] + describe_trials(trials)
-    names = " + ".join(variant.name for variant in taken.values())
-    words.append(describe_reduced(final, names, file if folder else "the reduced scene"))
-    remarks = [weak_terms, describe_weak_friction(problem.first.system, original.row["ends"])]
-    remarks += [f"resolved: {r.words}" for r in resolutions if r.is_resolved]
-    if problem.h is None:
-        remarks.append("whether the mesh is resolved is not known: the scene has no cloth.h")
-    return Simplification(
-        title=problem.name,
-        verdict="\n".join(words),
-        table=Table(tuple(trial.cells() for trial in [*trials, *shown])),
-        tolerance=original.tolerance,
-        quantities=tuple(quantity.text for quantity in original.quantities),
-        resolved=all(resolution.is_resolved for resolution in resolutions),
-        reduced=problem.at(reduced.values).source.text(),
-        file=file,
-        change=final.change if final else 0.0,
-        saved=final.saved if final else 0.0,
-        remarks=tuple(f"{words[0].upper()}{words[1:]}." for words in remarks if words),
-    )
+            seconds = trial.cells["cpu_seconds"]
+    return [*taken.values()], combinations

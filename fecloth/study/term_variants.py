@@ -29,6 +29,8 @@ class Variant:
     by
         The factor of a size or of a gap; the type of the term that is left out, or of the term
         that takes its place; else None.
+    size
+        The problem's own h [m], dt [s] or rtol [1/s], where it is multiplied by `by`; else 0.
     """
 
     name: str
@@ -36,11 +38,12 @@ class Variant:
     values: Mapping[str, Any]
     kind: str
     by: Any = None
+    size: float = 0.0
 
     @property
     def is_check(self) -> bool:
         """Whether it refines a size, which shows the error of the problem itself."""
-        return isinstance(self.by, float) and self.by < 1
+        return self.size > 0 and self.by < 1
 
 
 @dataclass(frozen=True)
