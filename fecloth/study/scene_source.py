@@ -311,8 +311,8 @@ def describe_values(values: Mapping[str, object]) -> str:
 
 def _let_frames_follow_steps(tables: dict) -> None:
     """Make the frames of [output], in the tables of a scene, no more frequent than the steps."""
-    dt = tables.get("time", {}).get("dt", "auto")
-    every = tables.get("output", {}).get("every")
+    dt = (tables.get("time") or {}).get("dt", "auto")  # None: the table is removed
+    every = (tables.get("output") or {}).get("every")
     if isinstance(dt, float) and every and every < dt:
         tables["output"] = tables["output"] | {"every": dt}
 

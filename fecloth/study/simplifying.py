@@ -88,8 +88,8 @@ def simplify(
     Raises
     ------
     InputError
-        For a tolerance outside 0 to 100 %, an unknown quantity, a function as quantity of a
-        scene, or too long a time.
+        For a tolerance outside 0 to 100 %, an unknown quantity, a function as quantity, or too
+        long a time.
     StudyFailed
         If the scene itself fails.
     """
@@ -98,6 +98,8 @@ def simplify(
     how = replace(study.runs(), timed=True, repeats=repeats)
     refuse_huge(study.problem, how)
     quantities = study.problem.choose_quantities(quantity)
+    if any(quantity.function for quantity in quantities):
+        raise InputError("a function as quantity", "must be a text, as 'max tip.z'")
     opened = study.problem.interested_in(quantities)
     doubts = print_doubts(opened)
     weak_terms = describe_weak_terms(opened, quantities, largest_change, replace(how, timed=False))
