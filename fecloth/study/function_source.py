@@ -59,10 +59,10 @@ class FunctionSource:
     terms: list[dict] | None = None
 
     kind: ClassVar[str] = "function"
-    suffix: ClassVar[str] = "txt"  # of a file with its text
     interest: ClassVar[tuple[Quantity, ...]] = ()  # a function names no quantities
     is_nested: ClassVar[bool] = True  # the meshes of a function are taken as nested
     fabrics: ClassVar[Mapping[str, Fabric]] = {}  # which are not known by name
+    suffix: ClassVar[str] = "txt"  # of a file with its text
 
     @property
     def name(self) -> str:

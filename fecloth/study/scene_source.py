@@ -59,7 +59,6 @@ class SceneSource:
     where: str = "the scene"
 
     kind: ClassVar[str] = "scene"
-    suffix: ClassVar[str] = "toml"  # of a file with its text
     is_importable: ClassVar[bool] = True  # other processes can read its tables
     keys: ClassVar[Mapping[str, str]] = {
         "h": "cloth.h",
@@ -71,6 +70,7 @@ class SceneSource:
         "grading": "cloth.grading",
         "terms": "terms",
     }
+    suffix: ClassVar[str] = "toml"  # of a file with its text
 
     @cached_property
     def tables(self) -> dict:
