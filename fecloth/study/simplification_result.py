@@ -20,6 +20,11 @@ from fecloth.terms.traits import traits_of
 WEAK_FRICTION = 0.1
 LEAST_CHANGE_SHOWN = 1e-5  # %, where the logarithmic axis begins
 KEPT = ("needed", "by chance")  # verdicts on what the problem keeps
+# Verdicts, and the headings of terms that are left out and of other variants with them.
+HEADINGS = (
+    (("not needed",), "not needed", "can be cheaper"),
+    (KEPT, "needed", "changes too much"),
+)
 
 
 @dataclass(frozen=True)
@@ -121,7 +126,7 @@ class Simplification(StudyResult):
         return 0
 
     def figure(self) -> Figure:
-        """Return a bar chart: the change by each variant, and in words the seconds it takes.
+        """Return a bar chart of the change by each variant.
 
         The axis of changes is logarithmic, and a dashed line marks the tolerance. Combinations
         are left out; the reduced scene is shown.
@@ -134,7 +139,7 @@ class Simplification(StudyResult):
             range(len(rows)),
             changes,
             color=[colours.get(str(row["verdict"]), COLOURS[0]) for row in rows],
-            tick_label=[f"{row['variant']}: {_describe_cost(row)}" for row in rows],
+            tick_label=[str(row["variant"]) for row in rows],
         )
         ax.axvline(100 * self.tolerance, color="k", ls="--", label="tolerance")
         ax.set(xscale="log", xlabel="change of the quantities of interest [%]")
@@ -146,36 +151,24 @@ class Simplification(StudyResult):
         return drawing
 
 
-def _describe_cost(row: Mapping) -> str:
-    """Say which part of the seconds a row takes; of a failure, its status."""
-    if row.get("saved [%]") is None:
-        return str(row["status"])
-    return f"{100 - row['saved [%]']:.0f} % of the seconds"
-
-
 def describe_trials(trials: Sequence[Trial], tolerance: float) -> list[str]:
     """Say in lines what is not resolved, which terms are needed, and what can be cheaper."""
-    lines = []
-    groups: dict[str, list[str]] = {
-        "not needed": [],
-        "can be cheaper": [],
-        "needed": [],
-        "changes too much": [],
-    }
-    for trial in trials:
-        is_kept = trial.verdict in KEPT
-        words = f"{trial.variant.name} ({trial.words})"
-        if trial.verdict == "not resolved":
-            lines.append(f"not resolved to {in_percent(tolerance)}: {trial.words}")
-        elif trial.variant.kind == "without":
-            words = f"{trial.variant.by} ({trial.words})"
-            groups["needed" if is_kept else "not needed"].append(words)
-        elif is_kept:
-            groups["changes too much"].append(words)
-        elif trial.verdict == "not needed":
-            groups["can be cheaper"].append(words)
-    groups["not needed"] = groups["not needed"] or ["none of the terms"]
-    return lines + [f"{head}: {', '.join(items)}" for head, items in groups.items() if items]
+    lines = [
+        f"not resolved to {in_percent(tolerance)}: {trial.words}"
+        for trial in trials
+        if trial.verdict == "not resolved"
+    ]
+    for verdicts, of_terms, of_others in HEADINGS:
+        judged = [trial for trial in trials if trial.verdict in verdicts]
+        terms = [t for t in judged if t.variant.kind == "without"]
+        others = [t for t in judged if t.variant.kind != "without"]
+        if terms:
+            names = [f"{t.variant.by} ({t.words})" for t in terms]
+            lines.append(f"{of_terms}: {', '.join(names)}")
+        if others:
+            names = [f"{t.variant.name} ({t.words})" for t in others]
+            lines.append(f"{of_others}: {', '.join(names)}")
+    return lines
 
 
 def describe_weak_friction(system: System, ends: Mapping[str, Sequence[float]]) -> str:

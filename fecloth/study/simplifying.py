@@ -1,7 +1,7 @@
 """`simplify`: find what a problem does not need, and write the reduced scene."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
@@ -33,22 +33,11 @@ from fecloth.study.simplification_result import (
     describe_weak_friction,
 )
 from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
-from fecloth.study.term_variants import Variant, simpler_terms
+from fecloth.study.term_variants import Variant, list_variants
 
-# Factors of sizes: the first shows the error of the problem itself, the others may be cheaper.
-FACTORS = {"h": (0.5, 1.5, 2.0), "dt": (0.5, 2.0, 4.0), "rtol": (0.25, 2.0, 4.0)}
 SIZES = {"h": ("mesh", "m"), "dt": ("time step", "s"), "rtol": ("tolerance of the steps", "1/s")}
 NOISE = 0.05  # differences of seconds below this part of them are noise
 PATIENCE = 3.0  # CPU seconds that a variant may take, over those of the problem itself
-# Values of a scene that is the equilibrium to which its motion comes.
-AT_REST = {
-    "time": None,
-    "solver": None,
-    "equilibrium": {"load_steps": 1},
-    "start.velocity": None,
-    "output": {"frames": 1},
-    "expect": None,  # which may name times
-}
 
 
 def simplify(
@@ -103,83 +92,12 @@ def simplify(
     opened = study.problem.interested_in(quantities)
     doubts = print_doubts(opened)
     weak_terms = describe_weak_terms(opened, quantities, largest_change, replace(how, timed=False))
-    variants = [*simpler_terms(opened), *other_sizes(opened), *simpler_steps(opened, quantities)]
+    variants = list_variants(opened, quantities)
     announce([Run(opened, ""), *(_run_of(opened, variant) for variant in variants)], how, stages=2)
     original = run_original(opened, quantities, largest_change, how)
     trials = judge(original.run(variants), original)
-    taken, rows = combine(original, trials)
-    reduced = join(taken)
-    file = f"reduced.{opened.source.suffix}"
-    final = None
-    ending = "nothing simpler was found"
-    if taken:
-        (final,) = original.run([replace(reduced, name=file)], fresh=True)
-        rows.append(replace(final, verdict="reduced scene"))
-        ending = f"{file if folder else 'the reduced scene'}: {reduced.name}; it {final.words}"
-    friction = describe_weak_friction(opened.first.system, original.row["ends"])
-    remarks = [weak_terms, friction]
-    remarks += [f"resolved: {trial.words}" for trial in trials if trial.verdict == "resolved"]
-    if opened.h is None:
-        remarks.append("whether the mesh is resolved is not known: the scene has no cloth.h")
-    simplification = Simplification(
-        title=opened.name,
-        doubts=doubts,
-        verdict="\n".join([*describe_trials(trials, largest_change), ending]),
-        table=Table(tuple(trial.row for trial in [*trials, *rows])),
-        tolerance=largest_change,
-        quantities=tuple(quantity.text for quantity in quantities),
-        resolved=all(trial.verdict != "not resolved" for trial in trials),
-        reduced=opened.at(reduced.values).source.text(),
-        file=file,
-        change=final.change if final else 0.0,
-        saved=final.saved if final else 0.0,
-        remarks=tuple(f"{words[0].upper()}{words[1:]}." for words in remarks if words),
-    )
-    return replace(simplification, scene=simplification.write_scene(folder))
-
-
-def other_sizes(problem: StudyProblem) -> Iterator[Variant]:
-    """Yield the problem with other triangles and steps: a finer size as a check, and larger ones.
-
-    A size that the problem does not have is left out, and so are steps longer than the run.
-    """
-    sizes = {"h": problem.h, "dt": problem.dt, "rtol": problem.rtol}
-    for kind, size in sizes.items():
-        longest = problem.span if kind == "dt" and problem.span else math.inf
-        for factor in FACTORS[kind]:
-            if size and size * factor <= longest * (1 + 1e-9):  # 1e-9 is round-off
-                slot = "mesh" if kind == "h" else "time"
-                values = problem.finer_values(**{kind: 1 / factor})
-                yield Variant(f"{kind} × {factor:g}", slot, values, kind, factor, size)
-
-
-def simpler_steps(problem: StudyProblem, quantities: Sequence[Quantity]) -> Iterator[Variant]:
-    """Yield the problem with a simpler element or method.
-
-    These are linear triangles, explicit steps, and a single load step, unless the equilibrium
-    depends on how the loads grow. A motion of which only the end counts also becomes an
-    equilibrium, unless its pins move or its contact has friction: then its end depends on the
-    motion. The element and the method of a function are its own.
-    """
-    source = problem.source
-    tables = problem.tables
-    if "element" in source.keys and tables["cloth"].get("element") == "P2":
-        yield Variant("P1 for P2", "element", source.values_of({"element": "P1"}), "element")
-    if problem.is_static:
-        follows_loads = any(bound.load_steps > 1 for bound in problem.first.system.bound)
-        if tables["equilibrium"].get("load_steps", 1) > 1 and not follows_loads:
-            yield Variant("one load step", "time", {"equilibrium.load_steps": 1}, "load steps")
-        return
-    if "method" not in tables["time"]:
-        return
-    if not problem.is_explicit and source.method != "auto":
-        values = source.values_of({"method": "central_difference"})
-        yield Variant("explicit", "time", values, "method")
-    has_moving_pins = any(pin.get("motion") or pin.get("rotate") for pin in tables.get("pins", ()))
-    has_friction = any(term.get("friction") for term in tables.get("terms", ()))
-    counts_end_only = all(q.how == "value" and q.at is None for q in quantities)
-    if counts_end_only and not (has_moving_pins or has_friction):
-        yield Variant("equilibrium", "time", AT_REST, "equilibrium")
+    result = replace(_reduce(original, trials, weak_terms, folder), doubts=doubts)
+    return replace(result, scene=result.write_scene(folder))
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,3 +296,44 @@ def combine(original: Original, trials: Sequence[Trial]) -> tuple[list[Variant],
             taken = together
             seconds = trial.cells["cpu_seconds"]
     return [*taken.values()], combinations
+
+
+def _reduce(
+    original: Original, trials: Sequence[Trial], weak_terms: str, folder: str | Path | None
+) -> Simplification:
+    """Combine the needless variants, run the reduced problem once more, and return the result.
+
+    `weak_terms` is a sentence on terms that change little, or ""; the verdict names the file of
+    the reduced problem if there is a `folder` for it.
+    """
+    problem = original.row["problem"]
+    taken, rows = combine(original, trials)
+    reduced = join(taken)
+    file = f"reduced.{problem.source.suffix}"
+    change = saved = 0.0
+    ending = "nothing simpler was found"
+    if taken:
+        (final,) = original.run([replace(reduced, name=file)], fresh=True)
+        rows.append(replace(final, verdict="reduced scene"))
+        change, saved = final.change, final.saved
+        ending = f"{file if folder else 'the reduced scene'}: {reduced.name}; it {final.words}"
+    remarks = [
+        weak_terms,
+        describe_weak_friction(problem.first.system, original.row["ends"]),
+        *(f"resolved: {trial.words}" for trial in trials if trial.verdict == "resolved"),
+    ]
+    if problem.h is None:
+        remarks.append("whether the mesh is resolved is not known: the scene has no cloth.h")
+    return Simplification(
+        title=problem.name,
+        verdict="\n".join([*describe_trials(trials, original.tolerance), ending]),
+        table=Table(tuple(trial.row for trial in [*trials, *rows])),
+        tolerance=original.tolerance,
+        quantities=tuple(quantity.text for quantity in original.quantities),
+        resolved=all(trial.verdict != "not resolved" for trial in trials),
+        reduced=problem.at(reduced.values).source.text(),
+        file=file,
+        change=change,
+        saved=saved,
+        remarks=tuple(f"{words[0].upper()}{words[1:]}." for words in remarks if words),
+    )

@@ -15,8 +15,7 @@ from pathlib import Path
 from fecloth import study
 from fecloth.scene.scene import Scene, load_scene
 from fecloth.study.problem import StudyProblem
-from fecloth.study.simplifying import other_sizes, simpler_steps
-from fecloth.study.term_variants import simpler_terms
+from fecloth.study.term_variants import list_variants
 from studies import harness
 from studies.simplify.numbers import Numbers, table
 from studies.simplify.predictions import find_limits, predict_change
@@ -52,8 +51,7 @@ def predict_changes(scene: Scene) -> dict[str, float]:
     """Return the predicted change [%] by each variant, by its name; without unknown ones."""
     numbers = Numbers.of(scene)
     problem = StudyProblem.of(scene)
-    steps = simpler_steps(problem, problem.quantities)
-    variants = [*simpler_terms(problem), *other_sizes(problem), *steps]
+    variants = list_variants(problem, problem.quantities)
     sizes = {variant.name: predict_change(variant, numbers) for variant in variants}
     return {name: 100 * size for name, size in sizes.items() if size is not None}
 

@@ -20,15 +20,8 @@ from fecloth.study.measured_runs import measure
 from fecloth.study.problem import StudyProblem
 from fecloth.study.result import read_tolerance
 from fecloth.study.simplification_result import Trial, describe_trials
-from fecloth.study.simplifying import (
-    combine,
-    is_worth,
-    judge,
-    other_sizes,
-    simpler_steps,
-    simplify,
-)
-from fecloth.study.term_variants import Variant, simpler_terms
+from fecloth.study.simplifying import combine, is_worth, judge, simplify
+from fecloth.study.term_variants import Variant, list_variants, simpler_steps, simpler_terms
 from studies.simplify.numbers import Numbers
 from studies.simplify.predictions import find_limits, predict_change
 
@@ -40,12 +33,7 @@ SCENES = STUDIES / "scenes" / "needs"
 def variants_of(scene, quantity="sag"):
     """Return the variants of a scene by their names, and its problem."""
     problem = StudyProblem.of(scene)
-    quantities = [parse_quantity(quantity)]
-    listed = [
-        *simpler_terms(problem),
-        *other_sizes(problem),
-        *simpler_steps(problem, quantities),
-    ]
+    listed = list_variants(problem, [parse_quantity(quantity)])
     return {variant.name: variant for variant in listed}, problem
 
 
