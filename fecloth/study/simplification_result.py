@@ -69,7 +69,10 @@ class Trial:
     @property
     def row(self) -> Row:
         """Its row of the table."""
-        return {"variant": self.variant.name, "verdict": self.verdict, **self.cells}
+        row: dict = {"variant": self.variant.name, "verdict": self.verdict}
+        if self.changes:
+            row["change [%]"] = 100 * self.change
+        return row | self.cells
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,8 +149,8 @@ class Simplification(StudyResult):
         ax.set_xlim(left=LEAST_CHANGE_SHOWN)
         ax.grid(False, axis="y")
         ax.legend()
-        words = f"Blue can go at {in_percent(self.tolerance)}, orange is needed, grey are checks"
-        drawing.suptitle(f"{self.title}\n{words} of the scene itself", fontsize=12)
+        words = "Blue can go, orange is needed, grey are checks of the scene itself"
+        ax.set_title(f"{self.title}\n{words}")
         return drawing
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked, StudyProblem
 from fecloth.study.refinement import RTOL_ORDER
 from fecloth.study.result import Row, Table, in_percent, read_tolerance
+from fecloth.study.run_table import row_of_run
 from fecloth.study.runs import (
     Run,
     Runs,
@@ -147,22 +148,16 @@ class Original:
                 changes[quantity.text] = relative_difference(quantity, *records)
         except FeclothError as error:  # for example, a signal has no period
             row = failure(NO_VALUE, error)
-        if row["status"] != OK:
-            cells = failure(row["status"], row["cause"])
-            return Trial(variant, {}, cells, words=f"{cells['status']}: {cells['cause']}")
-        saved = 1 - row["cpu_seconds"] / self.seconds
-        change = max(changes.values())
-        most_changed = max(changes, key=lambda text: changes[text])
-        saving = f"{'saves' if saved >= 0 else 'adds'} {in_percent(abs(saved))} of the seconds"
-        cells = {
-            "change [%]": 100 * change,
-            **{f"{text} [%]": 100 * value for text, value in changes.items()},
-            "seconds saved": self.seconds - row["cpu_seconds"],
-            "saved [%]": 100 * saved,
-            **{name: row[name] for name in ("cpu_seconds", "triangles", "steps", "status")},
-        }
-        words = f"changes {most_changed} by {in_percent(change)} and {saving}"
-        return Trial(variant, changes, cells, words)
+            changes.clear()
+        cells: dict[str, Any] = {f"{text} [%]": 100 * change for text, change in changes.items()}
+        words = f"{row['status']}: {row['cause']}"
+        if changes:
+            saved = 1 - row["cpu_seconds"] / self.seconds
+            cells |= {"seconds saved": saved * self.seconds, "saved [%]": 100 * saved}
+            text, change = max(changes.items(), key=itemgetter(1))
+            verb = "saves" if saved >= 0 else "adds"
+            words = f"changes {text} by {in_percent(change)} and {verb} {in_percent(abs(saved))}"
+        return Trial(variant, changes, row_of_run(row, {}, cells), words)
 
 
 def run_original(
@@ -200,28 +195,24 @@ def judge(trials: Sequence[Trial], original: Original) -> list[Trial]:
     change by a larger size is "by chance" where the problem itself is not resolved, or where a
     smaller factor changes more than the tolerance.
     """
+    tolerance = original.tolerance
+    checked = [check_size(t, original) if t.variant.is_check else t for t in trials]
     judged = list[Trial]()
-    doubtful = set[str]()  # sizes in which the problem is not resolved, or needs its own
-    for trial in sorted(trials, key=lambda trial: trial.variant.by if trial.variant.size else 0):
-        judged.append(_judge_one(trial, original, doubtful))
-        if trial.variant.size and judged[-1].verdict in ("needed", "not resolved"):
-            doubtful.add(trial.variant.kind)
+    for trial in checked:
+        variant = trial.variant
+        same_size = [t for t in checked if variant.size and t.variant.kind == variant.kind]
+        smaller = [t for t in same_size if t.variant.by < variant.by]
+        verdict = "not needed, saves nothing"
+        if variant.is_check:
+            verdict = trial.verdict
+        elif trial.change > tolerance:
+            verdict = "needed"
+        elif any(t.verdict == "not resolved" or t.change > tolerance for t in smaller):
+            verdict = "by chance"
+        elif is_worth(variant, trial, original.seconds, tolerance):
+            verdict = "not needed"
+        judged.append(replace(trial, verdict=verdict))
     return sorted(judged, key=attrgetter("change"))
-
-
-def _judge_one(trial: Trial, original: Original, doubtful: Set[str]) -> Trial:
-    """Return a trial with its verdict; a small change in a doubtful size is by chance."""
-    variant = trial.variant
-    if variant.is_check:
-        return check_size(trial, original)
-    verdict = "not needed, saves nothing"
-    if trial.change > original.tolerance:
-        verdict = "needed"
-    elif variant.kind in doubtful:
-        verdict = "by chance"
-    elif is_worth(variant, trial, original.seconds, original.tolerance):
-        verdict = "not needed"
-    return replace(trial, verdict=verdict)
 
 
 def check_size(check: Trial, original: Original) -> Trial:
@@ -316,7 +307,7 @@ def _reduce(
         (final,) = original.run([replace(reduced, name=file)], fresh=True)
         rows.append(replace(final, verdict="reduced scene"))
         change, saved = final.change, final.saved
-        ending = f"{file if folder else 'the reduced scene'}: {reduced.name}; it {final.words}"
+        ending = f"{file if folder else 'the reduced scene'}: {reduced.name}; it {final.words} of the seconds"
     remarks = [
         weak_terms,
         describe_weak_friction(problem.first.system, original.row["ends"]),
