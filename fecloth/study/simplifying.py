@@ -1,7 +1,7 @@
 """`simplify`: find what a problem does not need, and write the reduced scene."""
 
 import math
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter, itemgetter
 from pathlib import Path
@@ -141,23 +141,33 @@ class Original:
 
     def compare(self, variant: Variant, row: Row) -> Trial:
         """Return a variant with the changes that it makes; with the cause if its run failed."""
+        changes = dict[str, float]()
+        if row["status"] == OK:
+            try:
+                changes = self._changes(row)
+            except FeclothError as error:  # for example, a signal has no period
+                row = failure(NO_VALUE, error)
+        if row["status"] != OK:
+            words = f"{row['status']}: {row['cause']}"
+            return Trial(variant, changes, row_of_run(row, {}, {}), words)
+        saved = 1 - row["cpu_seconds"] / self.seconds
+        results = {
+            **{f"{text} [%]": 100 * change for text, change in changes.items()},
+            "seconds saved": saved * self.seconds,
+            "saved [%]": 100 * saved,
+        }
+        text, change = max(changes.items(), key=itemgetter(1))
+        saving = f"{'saves' if saved >= 0 else 'adds'} {in_percent(abs(saved))} of the seconds"
+        words = f"changes {text} by {in_percent(change)} and {saving}"
+        return Trial(variant, changes, row_of_run(row, {}, results), words)
+
+    def _changes(self, row: Row) -> dict[str, float]:
+        """Return the relative change of each quantity, by its text."""
         changes = {}
-        try:
-            for quantity in self.quantities if row["status"] == OK else ():
-                records = record_at(self.row, quantity), record_at(row, quantity)
-                changes[quantity.text] = relative_difference(quantity, *records)
-        except FeclothError as error:  # for example, a signal has no period
-            row = failure(NO_VALUE, error)
-            changes.clear()
-        cells: dict[str, Any] = {f"{text} [%]": 100 * change for text, change in changes.items()}
-        words = f"{row['status']}: {row['cause']}"
-        if changes:
-            saved = 1 - row["cpu_seconds"] / self.seconds
-            cells |= {"seconds saved": saved * self.seconds, "saved [%]": 100 * saved}
-            text, change = max(changes.items(), key=itemgetter(1))
-            verb = "saves" if saved >= 0 else "adds"
-            words = f"changes {text} by {in_percent(change)} and {verb} {in_percent(abs(saved))}"
-        return Trial(variant, changes, row_of_run(row, {}, cells), words)
+        for quantity in self.quantities:
+            records = record_at(self.row, quantity), record_at(row, quantity)
+            changes[quantity.text] = relative_difference(quantity, *records)
+        return changes
 
 
 def run_original(
@@ -247,8 +257,9 @@ def is_worth(variant: Variant, trial: Trial, seconds: float, tolerance: float) -
 
     All changes have to be within the tolerance. To leave out a term need not save seconds.
     """
-    saves = trial.cells["cpu_seconds"] < (1 - NOISE) * seconds
-    return trial.change <= tolerance and (saves or variant.kind == "without")
+    if trial.change > tolerance:  # as of a failure, which has no seconds
+        return False
+    return variant.kind == "without" or trial.cells["cpu_seconds"] < (1 - NOISE) * seconds
 
 
 def join(variants: Sequence[Variant]) -> Variant:
@@ -307,7 +318,8 @@ def _reduce(
         (final,) = original.run([replace(reduced, name=file)], fresh=True)
         rows.append(replace(final, verdict="reduced scene"))
         change, saved = final.change, final.saved
-        ending = f"{file if folder else 'the reduced scene'}: {reduced.name}; it {final.words} of the seconds"
+        where = file if folder else "the reduced scene"
+        ending = f"{where}: {reduced.name}; it {final.words}"
     remarks = [
         weak_terms,
         describe_weak_friction(problem.first.system, original.row["ends"]),

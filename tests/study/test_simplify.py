@@ -380,6 +380,7 @@ def test_a_failing_variant_is_needed():
     judged = judge([failed], original_of())
     assert judged[0].verdict == "needed"
     assert combine(original_of(), judged) == ([], [])
+    assert not is_worth(variant, failed, 1.0, 0.01)
 
 
 STATIC = """
