@@ -16,8 +16,8 @@ from .overlay import Overlay, compare_runs
 from .result import StudyResult, Table, write_csv
 from .sensitivities import sensitivity
 from .sensitivity_result import Sensitivity
-from .simplification.result import Simplification
-from .simplification.simplify import simplify
+from .simplification_result import Simplification
+from .simplifying import simplify
 from .stability_map import StabilityMap, stability
 from .status import TimeLimit, check_time_limit
 from .study import Study, of

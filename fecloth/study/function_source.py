@@ -66,6 +66,7 @@ class FunctionSource:
     interest: ClassVar[tuple[Quantity, ...]] = ()  # a function names no quantities
     is_nested: ClassVar[bool] = True  # the meshes of a function are taken as nested
     fabrics: ClassVar[Mapping[str, Fabric]] = {}  # which are not known by name
+    suffix: ClassVar[str] = "txt"  # of a file with its text
 
     @property
     def name(self) -> str:
@@ -177,6 +178,10 @@ class FunctionSource:
         """The defaults of the arguments."""
         parameters = inspect.signature(self.function).parameters
         return {name: parameter.default for name, parameter in parameters.items()}
+
+    def interested_in(self, quantities: Sequence[str]) -> "FunctionSource":
+        """Return the source itself, because a function names no quantities."""
+        return self
 
     def values_of(self, choice: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values by key of a choice by the names of `keys`.

@@ -195,8 +195,20 @@ class StudyProblem:
     ) -> "StudyProblem":
         """Return the problem with sizes and tolerances that are divided by these numbers.
 
+        `sharper` is as for the attribute; None leaves the solver as it is. See `finer_values`.
+        """
+        finer = self.at(self.finer_values(h, dt, rtol, gap))
+        if sharper is not None:
+            finer = replace(finer, sharper=sharper, root=self.root or self)
+        return finer
+
+    def finer_values(
+        self, h: float = 1.0, dt: float = 1.0, rtol: float = 1.0, gap: float = 1.0
+    ) -> dict[str, Any]:
+        """Return the values by name of sizes and tolerances that are divided by these numbers.
+
         A fixed step still divides the run into equal steps. What the problem does not have stays
-        out. `sharper` is as for the attribute; None leaves the solver as it is.
+        out.
         """
         values = dict[str, Any]()
         keys = self.source.keys
@@ -211,10 +223,12 @@ class StudyProblem:
             for i, term in enumerate(self.tables.get("terms", ())):
                 if "gap" in term:
                     values[f"terms.{i}.gap"] = term["gap"] / gap
-        finer = self.at(values)
-        if sharper is not None:
-            finer = replace(finer, sharper=sharper, root=self.root or self)
-        return finer
+        return values
+
+    def interested_in(self, quantities: Sequence[Quantity]) -> "StudyProblem":
+        """Return the problem with these quantities as its own, as far as it names its own."""
+        texts = [quantity.text for quantity in quantities]
+        return replace(self, source=self.source.interested_in(texts))
 
     def graded(self, gradings: Sequence[Grading]) -> "StudyProblem":
         """Return the problem with smaller triangles at places; it may not have its own already."""

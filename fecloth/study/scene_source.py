@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -77,6 +77,7 @@ class SceneSource:
         "load_steps": "equilibrium.load_steps",
         "terms": "terms",
     }
+    suffix: ClassVar[str] = "toml"  # of a file with its text
 
     @cached_property
     def tables(self) -> dict:
@@ -168,6 +169,10 @@ class SceneSource:
                 table = {key: table[key] for key in table if key in term.model_fields_set}
             terms.append(table)
         return self.tables | {"terms": terms}
+
+    def interested_in(self, quantities: Sequence[str]) -> "SceneSource":
+        """Return the source with these quantities as [interest]."""
+        return self.changed({"interest": {"quantities": list(quantities)}})
 
     def values_of(self, choice: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values by key of a choice by the names of `keys`, and what goes with it.
@@ -350,8 +355,8 @@ def describe_values(values: Mapping[str, object]) -> str:
 
 def _let_frames_follow_steps(tables: dict) -> None:
     """Make the frames of [output], in the tables of a scene, no more frequent than the steps."""
-    dt = tables.get("time", {}).get("dt", "auto")
-    every = tables.get("output", {}).get("every")
+    dt = (tables.get("time") or {}).get("dt", "auto")  # None: the table is removed
+    every = (tables.get("output") or {}).get("every")
     if isinstance(dt, float) and every and every < dt:
         tables["output"] = tables["output"] | {"every": dt}
 

@@ -10,6 +10,7 @@ from fecloth.study import (
     comparing,
     converging,
     sensitivities,
+    simplifying,
     stability_map,
     sweeps,
     tuning,
@@ -42,6 +43,7 @@ class Study(Opened):
     front = fronts.front
     chart = charts.chart
     tune = tuning.tune
+    simplify = simplifying.simplify
     sensitivity = sensitivities.sensitivity
     budget = budgets.budget
 

@@ -1,13 +1,26 @@
-"""Simpler problems as values by name: without a term, or with a cheaper one in its place."""
+"""Simpler problems as values by name: cheaper terms or none, larger sizes, simpler steps."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fecloth.simulation.quantity import Quantity
 from fecloth.study.problem import StudyProblem
 from fecloth.terms.traits import TermTraits, traits_of
 
+# Factors of sizes: the first shows the error of the problem itself, the others may be cheaper.
+FACTORS = {"h": (0.5, 1.5, 2.0), "dt": (0.5, 2.0, 4.0), "rtol": (0.25, 2.0, 4.0)}
 WIDER_GAP = 2.0  # factor of the gap of contact
+# Values of a scene that is the equilibrium to which its motion comes.
+AT_REST = {
+    "time": None,
+    "solver": None,
+    "equilibrium": {"load_steps": 1},
+    "start.velocity": None,
+    "output": {"frames": 1},
+    "expect": None,  # which may name times
+}
 
 
 @dataclass(frozen=True)
@@ -29,6 +42,8 @@ class Variant:
     by
         The factor of a size or of a gap; the type of the term that is left out, or of the term
         that takes its place; else None.
+    size
+        The problem's own h [m], dt [s] or rtol [1/s], where it is multiplied by `by`; else 0.
     """
 
     name: str
@@ -36,6 +51,12 @@ class Variant:
     values: Mapping[str, Any]
     kind: str
     by: Any = None
+    size: float = 0.0
+
+    @property
+    def is_check(self) -> bool:
+        """Whether it refines a size, which shows the error of the problem itself."""
+        return self.size > 0 and self.by < 1
 
 
 @dataclass(frozen=True)
@@ -104,3 +125,52 @@ def _variants_of_term(
         for other in traits.cheaper:
             values = {slot: {"type": other}, **gone}
             yield TermVariant(f"{other} for {name}", slot, values, "cheaper", other)
+
+
+def list_variants(problem: StudyProblem, quantities: Sequence[Quantity]) -> list[Variant]:
+    """List all variants: of the terms, of the sizes, and of the steps, as the quantities allow."""
+    return [*simpler_terms(problem), *other_sizes(problem), *simpler_steps(problem, quantities)]
+
+
+def other_sizes(problem: StudyProblem) -> Iterator[Variant]:
+    """Yield the problem with other triangles and steps: a finer size as a check, and larger ones.
+
+    A size that the problem does not have is left out, and so are steps longer than the run.
+    """
+    sizes = {"h": problem.h, "dt": problem.dt, "rtol": problem.rtol}
+    for kind, size in sizes.items():
+        longest = problem.span if kind == "dt" and problem.span else math.inf
+        for factor in FACTORS[kind]:
+            if size and size * factor <= longest * (1 + 1e-9):  # 1e-9 is round-off
+                slot = "mesh" if kind == "h" else "time"
+                values = problem.finer_values(**{kind: 1 / factor})
+                yield Variant(f"{kind} × {factor:g}", slot, values, kind, factor, size)
+
+
+def simpler_steps(problem: StudyProblem, quantities: Sequence[Quantity]) -> Iterator[Variant]:
+    """Yield the problem with a simpler element or method.
+
+    These are linear triangles, explicit steps, and a single load step, unless the equilibrium
+    depends on how the loads grow. A motion of which only the end counts also becomes an
+    equilibrium, unless its pins move or its contact has friction: then its end depends on the
+    motion. The element and the method of a function are its own.
+    """
+    source = problem.source
+    tables = problem.tables
+    if "element" in source.keys and tables["cloth"].get("element") == "P2":
+        yield Variant("P1 for P2", "element", source.values_of({"element": "P1"}), "element")
+    if problem.is_static:
+        follows_loads = any(bound.load_steps > 1 for bound in problem.first.system.bound)
+        if tables["equilibrium"].get("load_steps", 1) > 1 and not follows_loads:
+            yield Variant("one load step", "time", {"equilibrium.load_steps": 1}, "load steps")
+        return
+    if "method" not in tables["time"]:
+        return
+    if not problem.is_explicit and source.method != "auto":
+        values = source.values_of({"method": "central_difference"})
+        yield Variant("explicit", "time", values, "method")
+    has_moving_pins = any(pin.get("motion") or pin.get("rotate") for pin in tables.get("pins", ()))
+    has_friction = any(term.get("friction") for term in tables.get("terms", ()))
+    counts_end_only = all(q.how == "value" and q.at is None for q in quantities)
+    if counts_end_only and not (has_moving_pins or has_friction):
+        yield Variant("equilibrium", "time", AT_REST, "equilibrium")

@@ -13,9 +13,9 @@ from itertools import chain
 from pathlib import Path
 
 from fecloth import study
-from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import Scene, load_scene
-from fecloth.study.simplification.variants import list_variants
+from fecloth.study.problem import StudyProblem
+from fecloth.study.term_variants import list_variants
 from studies import harness
 from studies.simplify.numbers import Numbers, table
 from studies.simplify.predictions import find_limits, predict_change
@@ -50,7 +50,8 @@ def simplify_scene(name: str, options) -> study.Simplification:
 def predict_changes(scene: Scene) -> dict[str, float]:
     """Return the predicted change [%] by each variant, by its name; without unknown ones."""
     numbers = Numbers.of(scene)
-    variants = list_variants(scene.to_tables(), scene.interest or Interest(), numbers.traits)
+    problem = StudyProblem.of(scene)
+    variants = list_variants(problem, problem.quantities)
     sizes = {variant.name: predict_change(variant, numbers) for variant in variants}
     return {name: 100 * size for name, size in sizes.items() if size is not None}
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from fecloth.errors import FeclothError
-from fecloth.scene.scene import scene_of
 from fecloth.simulation.error_control import Adaptive
-from fecloth.study.simplification.variants import Variant, changes_of
+from fecloth.study.problem import StudyProblem
+from fecloth.study.term_variants import Variant
 from fecloth.terms import TRAITS, QuadraticBending
 from studies.simplify.numbers import Numbers
 
@@ -30,9 +30,9 @@ def _predict_change(variant: Variant, numbers: Numbers) -> float | None:
             return _without(variant.by, numbers)
         case "cheaper":
             return _cheaper(variant.by, numbers)
-        case "mesh":
+        case "h":
             return abs(factor**2 - 1) * numbers.mesh_error() + _change_of_reach(variant, numbers)
-        case "P1":
+        case "element":
             return numbers.mesh_error()
         case "dt":
             return abs(numbers.time_error(factor * dt) - numbers.time_error(dt))
@@ -40,11 +40,11 @@ def _predict_change(variant: Variant, numbers: Numbers) -> float | None:
             rtol = numbers.scene.time.rtol or Adaptive.rtol
             change = abs(factor ** (2 / 3) - 1) * rtol * numbers.seconds / numbers.moved
             return change * numbers.rest
-        case "explicit":
+        case "method":
             if dt and numbers.steps_leave(dt) < 1:  # the full scene is damped, this one swings
                 return numbers.rest
             return numbers.time_error(dt) if dt else None
-        case "static":
+        case "equilibrium":
             return numbers.rest
         case "load steps":  # unless there are several equilibria
             return 0.0
@@ -54,8 +54,7 @@ def _predict_change(variant: Variant, numbers: Numbers) -> float | None:
 def _change_of_reach(variant: Variant, numbers: Numbers) -> float:
     """Return the change of the motion because the pins select other nodes on a coarser mesh."""
     # For example, ``inside = "X < 0.02"`` clamps another length of the cloth.
-    tables = changes_of([variant]).apply(numbers.scene.to_tables())
-    other = Numbers.of(scene_of(tables, numbers.scene.trusts_geo))
+    other = Numbers.of(StudyProblem.of(numbers.scene).at(variant.values).source.scene)
     return abs(other.moved * other.L / (numbers.moved * numbers.L) - 1)
 
 

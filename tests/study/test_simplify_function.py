@@ -5,7 +5,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.simulation.setup import Setup
-from fecloth.study.setups import with_terms
+from fecloth.study.function_source import with_terms
 
 pytestmark = [
     pytest.mark.usefixtures("counted_work"),

@@ -1,11 +1,10 @@
 """`simplify` says where the friction inside the fabric may be left out."""
 
-import numpy as np
 import pytest
 from support.plates import rolled, square
 
 import fecloth as fc
-from fecloth.study.simplification.runs import describe_weak_friction
+from fecloth.study.simplification_result import describe_weak_friction
 
 B = 2e-5
 
@@ -21,8 +20,8 @@ def said(part, pair=False, terms=BOTH):
     cloth = square("right", 16)
     system = fc.System(cloth, fabric, terms)
     energies = system.energies(system.state(rolled(cloth.X, 0.2)))
-    columns = {name: np.array([0.0, value]) for name, value in energies.items()}
-    return describe_weak_friction(system, columns)
+    ends = {name: [0.0, value] for name, value in energies.items()}
+    return describe_weak_friction(system, ends)
 
 
 @pytest.mark.parametrize("pair", [False, True])

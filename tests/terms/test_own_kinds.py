@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from fecloth.study.problems import open_problem
 from support.local_link import LocalLink
 from support.own_terms import OWN, Breeze, Ribs, Rubber, Syrup
 from support.planned import warnings_before
@@ -11,13 +12,11 @@ from support.planned import warnings_before
 import fecloth as fc
 from fecloth.distributed.distributed_system import DistributedSystem
 from fecloth.scene.plan import plan
-from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.setup import Setup
 from fecloth.study.chart_grid import change_names
-from fecloth.study.problem import find_obstacles
-from fecloth.study.problems import open_problem
-from fecloth.study.simplification.variants import list_variants
+from fecloth.study.problem import StudyProblem, find_obstacles
+from fecloth.study.term_variants import simpler_terms
 from studies.simplify.numbers import Numbers, table
 from studies.simplify.predictions import find_limits, predict_change
 
@@ -142,10 +141,8 @@ def test_predictions_of_a_scene_know_its_terms(scene):
         (row["number"], row["formula"]) for row in table(numbers)
     }
     assert not [words for words in find_limits(numbers) if "no formula" in words]
-    data = {"cloth": {}, "terms": [{"type": name} for name in OWN], "equilibrium": {}}
-    listed = list_variants(data, Interest(path=("tip",)), numbers.traits)
-    terms_only = [one for one in listed if one.slot.startswith("term")]
-    change = {one.name: predict_change(one, numbers) for one in terms_only}
+    variants = simpler_terms(StudyProblem.of(scene))
+    change = {variant.name: predict_change(variant, numbers) for variant in variants}
     assert change["without Rubber"] == 1.0
     assert change["without Ribs"] == pytest.approx(min(1.0, numbers.without_bending()))
     assert change["without Syrup"] == pytest.approx(1 - np.exp(-0.5))

@@ -1,1 +1,0 @@
-"""`simplify`: which terms, triangles and steps a scene does not need."""
