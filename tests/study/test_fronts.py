@@ -176,7 +176,7 @@ def test_values_that_oscillate_or_diverge_have_no_limit(values):
 
 
 def test_the_limit_of_a_front_is_the_closed_form():
-    """A strip of width w and no Poisson ratio: the tip sinks by ρ g L²/2 over Y, for small loads."""
+    """Without a Poisson ratio the end of a strip sinks by ρ g L² / 2Y, for small loads."""
 
     def soft(h):
         cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
