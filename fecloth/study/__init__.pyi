@@ -11,6 +11,7 @@ from .comparison import Comparison, Difference
 from .convergence import Convergence
 from .converging import converge
 from .figures import COLOURS, MARKERS, line_style, mark_failures, new_figure
+from .fitting.file import fit
 from .front import Study, of
 from .overlay import Overlay, compare_runs
 from .result import StudyResult, Table, write_csv
@@ -50,6 +51,7 @@ __all__ = [
     "compare_runs",
     "converge",
     "estimate_uncertainty",
+    "fit",
     "line_style",
     "mark_failures",
     "new_figure",

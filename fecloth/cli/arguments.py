@@ -1,0 +1,108 @@
+"""The arguments of a command follow from the signature of its function.
+
+A parameter such as ``jobs: Annotated[int, "processes (1)", "N"] = 1`` says all of an argument.
+After the type stand the help, in which "%(default)s" is the default; the name of the value in the
+help; and a second name of the option, as "-o". The last two may be left out.
+
+Parameters that only a keyword sets are options, here ``--jobs``; the others are given by their
+place. An underscore at the end of a name is left out. The type says how the value is read:
+
+=============  =================================================================
+bool           True if the option is there
+list           one value or more; an option is repeated for this
+tuple          names with commas between them
+Literal        one of these values
+str | bool     a text, or True if the option is there without one
+X | None       as X
+a dataclass    no value: its fields are arguments, and its default has their defaults
+=============  =================================================================
+"""
+
+from argparse import ArgumentParser
+from collections.abc import Callable, Mapping
+from inspect import Parameter, getdoc, signature
+from typing import Any, Literal, get_args, get_origin
+
+
+def add_arguments(parser: ArgumentParser, function: Callable) -> None:
+    """Let a parser take the arguments of a function."""
+    for parameter in signature(function).parameters.values():
+        group = parameter.annotation
+        if not isinstance(group, type):
+            _add_argument(parser, parameter)
+            continue
+        add_arguments(parser, group)
+        if parameter.default is not Parameter.empty:
+            parser.set_defaults(**vars(parameter.default))
+
+
+def call(function: Callable, values: Mapping[str, Any]) -> Any:
+    """Call a function with those of the parsed values that are its arguments."""
+    arguments = {}
+    for name, parameter in signature(function).parameters.items():
+        group = parameter.annotation
+        if isinstance(group, type):
+            arguments[name] = call(group, values)
+        else:
+            arguments[name] = values[name]
+    return function(**arguments)
+
+
+def help_words(function: Callable) -> str:
+    """Return the first paragraph of the docstring, as the words of a help."""
+    words = str(getdoc(function)).partition("\n\n")[0].removesuffix(".")
+    return words[0].lower() + words[1:]
+
+
+def option_name(parameter: str) -> str:
+    """Return the name of the option of a parameter, without the dashes before it."""
+    return parameter.rstrip("_").replace("_", "-")
+
+
+def _add_argument(parser: ArgumentParser, parameter: Parameter) -> None:
+    kind, *words = get_args(_without_none(parameter.annotation))
+    kind = _without_none(kind)
+    is_list = get_origin(kind) is list
+    if is_list:
+        (kind,) = get_args(kind)
+    keywords = dict(zip(("help", "metavar", "short"), words, strict=False)) | _reading(kind)
+    names = [*keywords.pop("short", "").split(), f"--{option_name(parameter.name)}"]
+    is_required = parameter.default is Parameter.empty
+    if not is_required:
+        keywords["default"] = parameter.default
+    if parameter.kind is Parameter.KEYWORD_ONLY:
+        if is_list:
+            keywords["action"] = "append"
+        parser.add_argument(*names, dest=parameter.name, required=is_required, **keywords)
+        return
+    if is_list:
+        keywords["nargs"] = "+" if is_required else "*"
+    elif not is_required:
+        keywords["nargs"] = "?"
+    parser.add_argument(parameter.name, **keywords)
+
+
+def _reading(kind: Any) -> dict[str, Any]:
+    """Return what `ArgumentParser.add_argument` takes to read a value of this type."""
+    if kind is bool:
+        return {"action": "store_true"}
+    if kind == str | bool:
+        return {"nargs": "?", "const": True}
+    if get_origin(kind) is tuple:
+        return {"type": _read_names}
+    if get_origin(kind) is Literal:
+        choices = get_args(kind)
+        return {"choices": choices, "type": type(choices[0])}
+    return {"type": kind}
+
+
+def _read_names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _without_none(annotation: Any) -> Any:
+    """Return X for X | None, and any other annotation as it is."""
+    types = get_args(annotation)
+    if type(None) in types:
+        return types[0]
+    return annotation
