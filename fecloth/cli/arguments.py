@@ -7,15 +7,17 @@ help; and a second name of the option, as "-o". The last two may be left out.
 Parameters that only a keyword sets are options, here ``--jobs``; the others are given by their
 place. An underscore at the end of a name is left out. The type says how the value is read:
 
-=============  =================================================================
-bool           True if the option is there
-list           one value or more; an option is repeated for this
-tuple          names with commas between them
-Literal        one of these values
-str | bool     a text, or True if the option is there without one
-X | None       as X
-a dataclass    no value: its fields are arguments, and its default has their defaults
-=============  =================================================================
+=================  =============================================================
+bool               True if the option is there
+list               several values; an option is repeated for this
+tuple[str, ...]    names with commas between them
+tuple[str, float]  KEY=NUMBER
+float | str        a number, or a text with a unit
+str | bool         a text, or True if the option is there without one
+Literal            one of these values
+X | None           as X
+a dataclass        its fields are arguments, and its default has their defaults
+=================  =============================================================
 """
 
 from argparse import ArgumentParser
@@ -65,39 +67,56 @@ def _add_argument(parser: ArgumentParser, parameter: Parameter) -> None:
     is_list = get_origin(kind) is list
     if is_list:
         (kind,) = get_args(kind)
-    keywords = dict(zip(("help", "metavar", "short"), words, strict=False)) | _reading(kind)
-    names = [*keywords.pop("short", "").split(), f"--{option_name(parameter.name)}"]
+    keywords = dict(zip(("help", "metavar"), words, strict=False))
+    if get_origin(kind) is Literal:
+        choices = get_args(kind)
+        keywords |= {"choices": choices, "type": type(choices[0])}
+    else:
+        keywords |= READING.get(kind, {"type": kind})
     is_required = parameter.default is Parameter.empty
     if not is_required:
         keywords["default"] = parameter.default
     if parameter.kind is Parameter.KEYWORD_ONLY:
+        names = [*words[2:], f"--{option_name(parameter.name)}"]
+        keywords |= {"dest": parameter.name, "required": is_required}
         if is_list:
             keywords["action"] = "append"
-        parser.add_argument(*names, dest=parameter.name, required=is_required, **keywords)
-        return
-    if is_list:
-        keywords["nargs"] = "+" if is_required else "*"
-    elif not is_required:
-        keywords["nargs"] = "?"
-    parser.add_argument(parameter.name, **keywords)
+    else:
+        names = [parameter.name]
+        if is_list:
+            keywords["nargs"] = "+" if is_required else "*"
+        elif not is_required:
+            keywords["nargs"] = "?"
+    parser.add_argument(*names, **keywords)
 
 
-def _reading(kind: Any) -> dict[str, Any]:
-    """Return what `ArgumentParser.add_argument` takes to read a value of this type."""
-    if kind is bool:
-        return {"action": "store_true"}
-    if kind == str | bool:
-        return {"nargs": "?", "const": True}
-    if get_origin(kind) is tuple:
-        return {"type": _read_names}
-    if get_origin(kind) is Literal:
-        choices = get_args(kind)
-        return {"choices": choices, "type": type(choices[0])}
-    return {"type": kind}
-
-
-def _read_names(text: str) -> tuple[str, ...]:
+def read_names(text: str) -> tuple[str, ...]:
+    """Return the names between the commas of a text."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def read_size(text: str) -> tuple[str, float]:
+    """Return the key and the number of KEY=SIZE."""
+    key, _, number = text.partition("=")
+    return key.strip(), float(number)
+
+
+def read_number(text: str) -> float | str:
+    """Return a bare number, or a text with a unit as it is."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+# What `ArgumentParser.add_argument` takes to read a value of a type.
+READING: dict[Any, dict[str, Any]] = {
+    bool: {"action": "store_true"},
+    str | bool: {"nargs": "?", "const": True},
+    tuple[str, ...]: {"type": read_names},
+    tuple[str, float]: {"type": read_size},
+    float | str: {"type": read_number},
+}
 
 
 def _without_none(annotation: Any) -> Any:

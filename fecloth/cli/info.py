@@ -28,8 +28,9 @@ def mesh(
     if is_scene:
         cloth = meshing.load(path).mesh()
     else:
-        trust, limit = meshing.trust_geo, meshing.mesh_time
-        cloth = Cloth.read(path, h, element="P1", trust=trust, time_limit=limit)
+        cloth = Cloth.read(
+            path, h, element="P1", trust=meshing.trust_geo, time_limit=meshing.mesh_time
+        )
     print("\n".join(describe_cloth(cloth)))
     if output:
         write_mesh(Path(output), cloth)

@@ -1,7 +1,6 @@
 """`fecloth new`: commented files to begin with, of a scene or of a specimen."""
 
 import re
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -30,13 +29,11 @@ def new(
     if not re.fullmatch(r"[\w+-][\w .+-]*", target.name):
         allowed = "must be a file name of letters, digits, spaces, _, +, - and ."
         raise InputError(f"NAME = {name!r}", allowed, "new")
-    folder = files("fecloth.cli") / "specimens"
-    templates = sorted(folder.iterdir(), key=lambda file: file.name)
+    templates = Path(__file__).with_name("specimens").glob(f"{stem}[._]*")
     # For each file to write its template, as pendulum.toml for swing.toml.
     written = {
         target.with_name(target.name + template.name.removeprefix(stem)): template
-        for template in templates
-        if re.fullmatch(rf"{stem}(_fit)?\.\w+", template.name)
+        for template in sorted(templates)
     }
     if not overwrite and (existing := [path for path in written if path.exists()]):
         raise InputError(f"{existing[0]} exists", "needs --overwrite", "new")

@@ -9,10 +9,13 @@ if TYPE_CHECKING:
     from fecloth.scene.scene import Scene
 
 
+Texts = list[str] | None
+Names = tuple[str, ...] | None
+
 SceneFile = Annotated[str, "a .toml file"]
 RunFolder = Annotated[str, "folder of a run", "DIR"]
 Changes = Annotated[
-    list[str] | None,
+    Texts,
     "replace a value of the scene, as in --set time.dt=0.005; may be repeated",
     "KEY=VALUE",
 ]
@@ -27,9 +30,7 @@ TrustGeo = Annotated[
 Quantity = Annotated[
     str | None, 'what is judged, as "max tip.z" (default: the first of [interest])', "Q"
 ]
-Quantities = Annotated[
-    list[str] | None, 'as "max tip.z"; may be repeated (default: all of [interest])', "Q"
-]
+Quantities = Annotated[Texts, 'as "max tip.z"; may be repeated (default: all of [interest])', "Q"]
 Refine = Annotated[Literal["h", "dt", "both"], "what is refined (h)"]
 Levels = Annotated[int, "from 3 to 10 (%(default)s)", "N"]
 Ratio = Annotated[float | None, "h or dt of a level over the next (2 or √2)", "R"]
@@ -39,11 +40,11 @@ Over = Annotated[
     "KEY=VALUES",
 ]
 Methods = Annotated[
-    tuple[str, ...] | None,
+    Names,
     "as bdf2,newmark, with commas (default: the scene's own and the usual others)",
     "A,B",
 ]
-Elements = Annotated[tuple[str, ...] | None, "as P1,P2, with commas (default: both)", "A,B"]
+Elements = Annotated[Names, "as P1,P2, with commas (default: both)", "A,B"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,12 +10,12 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.steps import StepInfo
 
 
-def terminal(quiet: bool = False) -> Console:
-    """Return a console on standard error that prints text as it is, or nothing with `quiet`.
+def terminal() -> Console:
+    """Return a console on standard error that prints text as it is.
 
     Names and formulas may have brackets and colons, which Rich reads as markup and emoji.
     """
-    return Console(stderr=True, quiet=quiet, markup=False, emoji=False, highlight=False)
+    return Console(stderr=True, markup=False, emoji=False, highlight=False)
 
 
 @contextmanager

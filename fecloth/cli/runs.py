@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fecloth import errors
 from fecloth.cli.options import Reading, RunFolder, SceneFile, Threads
@@ -14,11 +14,8 @@ from fecloth.runs.interruption import set_handler
 # Signals are handled before NumPy is imported: each command imports what it needs when it runs.
 if TYPE_CHECKING:
     from fecloth.runs.outcome import SceneResult
-    from fecloth.scene.probe_tables import Verdict
     from fecloth.scene.problem import Problem
     from fecloth.scene.scene import Scene
-    from fecloth.simulation.steps import StepInfo
-    from fecloth.system.system import System
 
 
 def run(
@@ -37,7 +34,9 @@ def run(
     """
     from fecloth.distributed.environment import count_processes, use_one_thread
 
-    def run_here(make_system: "Callable[..., System] | None" = None) -> int:
+    def run_here(make_system: Callable | None = None) -> int:
+        from fecloth.system.system import System
+
         loaded = _load(scene, reading, threads)
         if resume and (output or overwrite):
             allowed = "needs neither -o nor --overwrite: it names the folder"
@@ -46,10 +45,10 @@ def run(
         outcome = _run_scene(
             loaded,
             path,
+            reading.quiet,
             overwrite=overwrite,
             resume=bool(resume),
-            quiet=reading.quiet,
-            make_system=make_system,
+            make_system=make_system or System,
         )
         return _print_outcome(outcome, reading.quiet)
 
@@ -61,25 +60,15 @@ def run(
     return run_on_all(run_here)
 
 
-def _run_scene(
-    scene: "Scene",
-    path: Path,
-    *,
-    overwrite: bool,
-    resume: bool,
-    quiet: bool,
-    make_system: "Callable[..., System] | None",
-) -> "SceneResult":
-    """Run a scene in this process, and print what it does.
+def _run_scene(scene: "Scene", path: Path, quiet: bool, **how: Any) -> "SceneResult":
+    """Run a scene in this process, and print what it does; with `quiet` only warnings.
 
-    `make_system` makes the part of the system that this process has, if there are several. With
-    `quiet` only warnings are printed.
+    `how` are further arguments of `run_scene`.
     """
     from fecloth.cli.describe import sources
     from fecloth.cli.progress import progress, terminal
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import plan
-    from fecloth.system.system import System
 
     console = terminal()
 
@@ -97,14 +86,12 @@ def _run_scene(
         return run_scene(
             scene,
             path,
-            overwrite=overwrite,
             announce=announce,
             report=report,
-            resume=resume,
             warn=warn,
             # Nothing is left to interrupt, and a signal must not change the exit status.
             closed=partial(set_handler, signal.SIG_IGN),
-            make_system=make_system or System,
+            **how,
         )
 
 
@@ -138,34 +125,25 @@ def check(
     expectations that are not met are printed. Raises `SceneError` for a scene without expectations.
     """
     from fecloth.cli.progress import progress, terminal
+    from fecloth.scene.probe_tables import check
 
     passed = True
     for path in scenes:
         scene = _load(path, reading, threads)
         scene.require_expectations()
+        problem, solver = scene.build().choose()
         with progress(terminal(), scene, reading.quiet) as report:
-            verdicts = _compare_with_expectations(scene, report)
-        for verdict in verdicts:
+            result = problem.run(solver, report)
+        for words in result.warnings:
+            print(f"warning: {words}", file=sys.stderr)
+        unit = scene.schedule.unit
+        for verdict in check(scene.expect, result.times, result.observed, result.energies, unit):
             if not (reading.quiet and verdict.passed):
                 print(f"{path}: {verdict}")
             passed &= verdict.passed
     if passed:
         return 0
     return errors.MISSED
-
-
-def _compare_with_expectations(
-    scene: "Scene", report: "Callable[[StepInfo], None]"
-) -> "list[Verdict]":
-    """Run a scene in memory, print its warnings, and return a verdict on each expectation."""
-    from fecloth.scene.probe_tables import check
-
-    problem, solver = scene.build().choose()
-    result = problem.run(solver, report)
-    for words in result.warnings:
-        print(f"warning: {words}", file=sys.stderr)
-    unit = scene.schedule.unit
-    return check(scene.expect, result.times, result.observed, result.energies, unit)
 
 
 def view(folder: RunFolder, *, no_open: Annotated[bool, "only write the page"] = False) -> int:

@@ -9,6 +9,7 @@ from fecloth.cli.options import (
     Elements,
     Levels,
     Methods,
+    Names,
     Over,
     Quantities,
     Quantity,
@@ -16,9 +17,10 @@ from fecloth.cli.options import (
     Reading,
     Refine,
     SceneFile,
+    Texts,
 )
 from fecloth.cli.study_command import Running, study
-from fecloth.errors import FeclothWarning, InputError
+from fecloth.errors import FeclothWarning
 
 if TYPE_CHECKING:
     from fecloth.study import StudyResult
@@ -51,7 +53,7 @@ def compare(
     ],
     *,
     variants: Annotated[
-        list[str] | None,
+        Texts,
         "values of a key, as terms.0.type=StVK,Springs; may be repeated",
         "KEY=VALUES",
     ] = None,
@@ -88,7 +90,7 @@ def chart(
     methods: Methods = None,
     elements: Elements = None,
     models: Annotated[
-        tuple[str, ...] | None, "as StVK,NeoHookean, with commas (default: the scene's own)", "A,B"
+        Names, "as StVK,NeoHookean, with commas (default: the scene's own)", "A,B"
     ] = None,
     meshes: Annotated[int, "meshes with h, h/2, … (2)", "N"] = 2,
     levels: Annotated[int, "of the limit, from 3 (%(default)s)", "N"] = 3,
@@ -105,9 +107,7 @@ def stability(
     scene: SceneFile,
     *,
     over: Over | None = None,
-    methods: Annotated[
-        tuple[str, ...] | None, "as bdf2,newmark, with commas (default: eight)", "A,B"
-    ] = None,
+    methods: Annotated[Names, "as bdf2,newmark, with commas (default: eight)", "A,B"] = None,
     set_: Changes = None,
     running: Running = TWO_MINUTES,
 ) -> "StudyResult":
@@ -120,16 +120,18 @@ def sensitivity(
     scene: SceneFile,
     *,
     quantity: Annotated[
-        list[str] | None, 'as "max tip.z"; may be repeated (default: the first of [interest])', "Q"
+        Texts, 'as "max tip.z"; may be repeated (default: the first of [interest])', "Q"
     ] = None,
     parameter: Annotated[
-        list[str] | None,
+        Texts,
         "a number of the scene, as fabric.bending_rigidity; may be repeated "
         "(default: all numbers of the fabric and of the terms)",
         "KEY",
     ] = None,
     scale: Annotated[
-        list[str] | None, "a usual change of a number that is 0; may be repeated", "KEY=SIZE"
+        list[tuple[str, float]] | None,
+        "a usual change of a number that is 0; may be repeated",
+        "KEY=SIZE",
     ] = None,
     tolerance: Annotated[str, "relative error of the derivatives (1e-4)", "T"] = "1e-4",
     set_: Changes = None,
@@ -137,19 +139,7 @@ def sensitivity(
 ) -> "StudyResult":
     """How much quantities depend on each number of a scene."""
     study = running.open(set_, scene)
-    return study.sensitivity(parameter, quantity, scale=_read_sizes(scale), tolerance=tolerance)
-
-
-def _read_sizes(texts: list[str] | None) -> dict[str, float]:
-    """Return key → number of texts as KEY=SIZE; raise `InputError` for another text."""
-    sizes = {}
-    for text in texts or ():
-        key, _, size = text.partition("=")
-        try:
-            sizes[key.strip()] = float(size)
-        except ValueError as error:
-            raise InputError(f"--scale {text}", "must be KEY=SIZE, with a number") from error
-    return sizes
+    return study.sensitivity(parameter, quantity, scale=scale or (), tolerance=tolerance)
 
 
 @study
@@ -203,7 +193,7 @@ def tune(
         str | None, "largest error of each quantity, as 1%% or 0.01 (1%%)", "T"
     ] = None,
     budget: Annotated[
-        str | None,
+        float | str | None,
         'longest CPU time of the tuned run, as "60 s": seek the most accurate setting within it',
         "TIME",
     ] = None,
@@ -221,7 +211,7 @@ def tune(
     return running.open(set_, scene).tune(
         tolerance,
         quantity,
-        budget=_read_time(budget),
+        budget=budget,
         to_data=to_data,
         model=model,
         methods=methods,
@@ -229,20 +219,10 @@ def tune(
     )
 
 
-def _read_time(text: str | None) -> str | float | None:
-    """Return a bare number as seconds, and a text with a unit as it is."""
-    try:
-        return float(text or "none")
-    except ValueError:
-        return text
-
-
 def bench(
-    case: Annotated[list[str] | None, "name of a case (default: all)"] = None,
+    case: Annotated[Texts, "name of a case (default: all)"] = None,
     *,
-    adapter: Annotated[
-        list[str] | None, "a function of a case; may be repeated", "FILE.py:FUNCTION"
-    ] = None,
+    adapter: Annotated[Texts, "a function of a case; may be repeated", "FILE.py:FUNCTION"] = None,
     list_: Annotated[bool, "say what the cases ask, and what is known"] = False,
     levels: Annotated[Literal[1, 2, 3], "meshes of a case, coarse to fine (%(default)s)", "N"] = 3,
     json: Annotated[bool, "print one object a line"] = False,
@@ -274,7 +254,6 @@ def modes(
 
     Each has a line. Warnings and the verdict go to standard error.
     """
-    from fecloth.cli.progress import terminal
     from fecloth.study import of
 
     study = of(reading.load(scene, reading.set_))
@@ -285,9 +264,9 @@ def modes(
         print(f"{frequency:.6g}")
     for words in result.warnings:
         print(f"warning: {words}", file=sys.stderr)
-    console = terminal(reading.quiet)
-    console.print(result.verdict, soft_wrap=True)
+    lines = [result.verdict]
     if output:
-        console.print(f"wrote {result.report(output)}", soft_wrap=True)
-        console.print(f"open {result.write(output)} in ParaView", soft_wrap=True)
+        lines += [f"wrote {result.report(output)}", f"open {result.write(output)} in ParaView"]
+    if not reading.quiet:
+        print("\n".join(lines), file=sys.stderr)
     return 0
