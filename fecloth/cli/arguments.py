@@ -18,12 +18,14 @@ Literal            one of these values
 X | None           as X
 a dataclass        its fields are arguments, and its default has their defaults
 =================  =============================================================
+
+The annotations are read as objects: the module of a command must not postpone them.
 """
 
 from argparse import ArgumentParser
 from collections.abc import Callable, Mapping
 from inspect import Parameter, getdoc, signature
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin
 
 
 def add_arguments(parser: ArgumentParser, function: Callable) -> None:
@@ -62,6 +64,7 @@ def option_name(parameter: str) -> str:
 
 
 def _add_argument(parser: ArgumentParser, parameter: Parameter) -> None:
+    """Add an argument for a parameter with an annotation as the module describes."""
     kind, *words = get_args(_without_none(parameter.annotation))
     kind = _without_none(kind)
     is_list = get_origin(kind) is list
@@ -122,6 +125,6 @@ READING: dict[Any, dict[str, Any]] = {
 def _without_none(annotation: Any) -> Any:
     """Return X for X | None, and any other annotation as it is."""
     types = get_args(annotation)
-    if type(None) in types:
-        return types[0]
-    return annotation
+    if type(None) not in types:
+        return annotation
+    return Union[tuple(kind for kind in types if kind is not type(None))]  # noqa: UP007

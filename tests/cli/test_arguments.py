@@ -28,6 +28,8 @@ def command(
     names: Annotated[tuple[str, ...], "names"] | None = None,
     level: Annotated[Literal[1, 2, 3], "a level"] = 2,
     listed: Annotated[str | bool, "all, or this"] = False,
+    sizes: Annotated[list[tuple[str, float]] | None, "sizes"] = None,
+    time: Annotated[float | str | None, "a time"] = None,
     group: Group,
 ):
     """Do what the arguments say.
@@ -56,13 +58,16 @@ def test_options_that_are_not_given_have_their_defaults():
         "names": None,
         "level": 2,
         "listed": False,
+        "sizes": None,
+        "time": None,
         "group": Group(size=1.0, fast=False),
     }
 
 
 def test_options_are_read_as_their_types_say():
     words = "a 4 5 --output-file out --set x=1 --set y=2 --names a,,b --level 3 --listed q"
-    assert parse(command, *words.split(), "--size", "2", "--fast") == {
+    words += " --sizes x=1 --sizes y=2.5 --size 2 --fast"
+    assert parse(command, *words.split(), "--time", "60 s") == {
         "path": "a",
         "more": [4, 5],
         "output_file": "out",
@@ -70,15 +75,19 @@ def test_options_are_read_as_their_types_say():
         "names": ("a", "b"),
         "level": 3,
         "listed": "q",
+        "sizes": [("x", 1.0), ("y", 2.5)],
+        "time": "60 s",
         "group": Group(size=2.0, fast=True),
     }
     assert parse(command, "a", "-o", "out", "--listed")["listed"] is True
+    assert parse(command, "a", "-o", "out", "--time", "60")["time"] == 60.0
 
 
 WRONG = [
     (["a"], "required: -o/--output-file"),
     (["a", "-o", "out", "--level", "4"], "invalid choice: 4"),
     (["a", "-o", "out", "--size", "x"], "invalid float value: 'x'"),
+    (["a", "-o", "out", "--sizes", "x=y"], "invalid read_size value: 'x=y'"),
     (["-o", "out"], "required: path"),
 ]
 

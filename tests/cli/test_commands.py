@@ -60,14 +60,12 @@ def test_a_command_asks_its_study_with_all_options(name, monkeypatch):
         for parameter in inspect.signature(command).parameters.values()
         if parameter.kind is parameter.KEYWORD_ONLY
     ]
-    values = {key: f"value of {key}" for key in options} | {"scale": ["a=1"], "budget": "2"}
+    values = {key: f"value of {key}" for key in options}
     arguments = inspect.signature(getattr(fc.study.Study, name)).bind
     opened = SimpleNamespace(**{name: partial(arguments, None)})
     values["running"] = SimpleNamespace(open=lambda changes, *scenes: opened)
     asked = command.__wrapped__("a.toml", **{key: values[key] for key in options}).arguments
     own = {key: values[key] for key in options if key not in ("set_", "running")}
-    own |= {"scale": {"a": 1.0}} if "scale" in own else {}
-    own |= {"budget": 2.0} if "budget" in own else {}
     if name == "sensitivity":
         own["parameters"] = own.pop("parameter")
     assert {key: value for key, value in asked.items() if value is not None} == own
