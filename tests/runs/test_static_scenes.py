@@ -128,7 +128,7 @@ def test_a_killed_run_goes_on_bit_for_bit(scene, tmp_path):
 
 def test_ctrl_c_stops_after_a_load_step(scene, tmp_path, capsys, monkeypatch):
     @contextmanager
-    def stopping(console, t_end, unit):
+    def stopping(console, scene, quiet):
         yield lambda info: info.step == 2 and os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr("fecloth.cli.progress.progress", stopping)
