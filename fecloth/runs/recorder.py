@@ -1,6 +1,5 @@
 """The recording of a running scene: each step is in all of its files or in none."""
 
-import math
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
@@ -348,6 +347,7 @@ class Recorder:
             accounts = self.progress.accounts.finish(self.run, end)
         self._warn(accounts, warn)
         summary = self._summarise(status, why, str(error) if error else None, accounts)
+        tables = {name: read_table(table.path) for name, table in self.files.tables.items()}
         place = place_in_words(state.t, self.problem.unit)
         words = f"{status} at {place} after {amount(steps, 'step')}"
         resumes: float | None = None  # without a restart file
@@ -358,13 +358,13 @@ class Recorder:
         try:
             for line in (*accounts.words(), f"{words}: {error}" if error else words):
                 self.folder.log(line)
-            self._report(summary)
+            self._report(summary, tables)
             self.folder.summary(summary)  # `--resume` writes all of this if it is missing
             self.files.remove_gathered()
         except InputError as disk_error:
             status = FAILED
             error = error or disk_error
-        return self._make_result(status, summary, accounts, error, resumes)
+        return self._make_result(status, summary, tables, accounts, error, resumes)
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
@@ -401,23 +401,23 @@ class Recorder:
         }
         return {key: values[key] for key in ORDER if key in values} | values
 
-    def _report(self, summary: dict) -> None:
+    def _report(self, summary: dict, tables: dict) -> None:
         """Write report.html; if that fails, log why."""
         try:
-            frame = self.files.shown_at(self.progress.state)
-            write_report(self.folder.path, summary, frame, self.files.obstacles.last)
+            frame = self.files.frame(self.progress.state, self.progress.memory)
+            write_report(self.folder.path, summary, tables, frame, self.files.obstacles.last)
         except Exception as failure:  # no error of a page may lose the result
             self.folder.log(f"warning: no report: {failure}")
 
-    def _make_result(self, status: str, summary: dict, accounts: Accounts, error, resumes):
-        """Return the `SceneResult`, with the energies and observed columns from their files."""
-        files = (self.files.tables[name].path for name in ("energies", "observed"))
-        energies, observed = (read_table(file, math.inf) for file in files)
-        times = energies.pop("t", np.empty(0))
-        observed.pop("t", None)
+    def _make_result(
+        self, status: str, summary: dict, tables: dict, accounts: Accounts, error, resumes
+    ):
+        """Return the `SceneResult`, with the energies and observed columns of the tables."""
+        energies = {name: y for name, y in tables["energies"].items() if name != "t"}
+        observed = {name: y for name, y in tables["observed"].items() if name != "t"}
         return SceneResult(
             state=self.progress.state,
-            times=times,
+            times=tables["energies"].get("t", np.empty(0)),
             energies=energies,
             observed=observed,
             seconds=summary["seconds"],

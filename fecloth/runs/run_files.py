@@ -19,7 +19,6 @@ from fecloth.runs.restart import Progress
 from fecloth.scene.problem import Problem
 from fecloth.simulation.steps import Memory
 from fecloth.system.state import State
-from fecloth.view.web_page import keep_shown
 
 GATHERED = "run.vtkhdf"
 TABLES = ("steps", "energies", "observed", "strains")
@@ -34,8 +33,6 @@ class RunFiles:
     ----------
     opens
         The file to open in ParaView.
-    shown
-        The last frame that was written; None before the first one.
     on_disk
         Number of the frames that would survive a power cut.
     """
@@ -47,7 +44,6 @@ class RunFiles:
         self.opens = self.frames.opens
         self.obstacles = ObstacleFrames(folder.path, problem.system, problem.start.x)
         self.tables = {name: folder.table(f"{name}.csv") for name in TABLES}
-        self.shown: Frame | None = None
         self.on_disk = 0
 
     def keep(self) -> None:
@@ -74,31 +70,28 @@ class RunFiles:
         for name, row in rows.items():
             self.tables[name].add(row)
 
-    def add_frame(self, state: State, memory: Memory | None) -> Arrays:
-        """Write the state as a frame, with what terms remember, and return its cell data.
-
-        Also write the obstacles at that time, and keep the frame as `shown`. Raise `FolderMoved`
-        if the folder has moved, and `InputError` for more than `MOST_FRAMES` frames.
-        """
-        self.folder.check_in_place()
-        if len(self.frames.times) >= MOST_FRAMES:
-            raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=_FEWER)
+    def frame(self, state: State, memory: Memory | None) -> Frame:
+        """Return the frame of a state, with what terms remember."""
         problem = self.problem
         history = memory.term_history if memory else None
         history = history or problem.system.start_history(state)
         system = problem.system.with_history(history)
         points, cells = fields(system, state, problem.output.error_density)
-        self.obstacles.add(len(self.frames.times), state)
-        self.frames.add(state, (points, cells))
-        self.shown = keep_shown(Frame(state.t, state.x, problem.cloth.cells, points, cells))
-        return cells
+        return Frame(state.t, state.x, problem.cloth.cells, points, cells)
 
-    def shown_at(self, state: State) -> Frame:
-        """Return the frame of a state: the last one written, or one for this."""
-        if self.shown is not None and self.shown.points is state.x:
-            return self.shown
-        system = self.problem.system
-        return Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
+    def add_frame(self, state: State, memory: Memory | None) -> Arrays:
+        """Write the state as a frame, with what terms remember, and return its cell data.
+
+        Also write the obstacles at that time. Raise `FolderMoved` if the folder has moved, and
+        `InputError` for more than `MOST_FRAMES` frames.
+        """
+        self.folder.check_in_place()
+        if len(self.frames.times) >= MOST_FRAMES:
+            raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=_FEWER)
+        frame = self.frame(state, memory)
+        self.obstacles.add(len(self.frames.times), state)
+        self.frames.add(state, (frame.point_data, frame.cell_data))
+        return frame.cell_data
 
     def flush(self) -> None:
         """Hand the tables and new frames to the disk, so that they survive a power cut.
