@@ -13,7 +13,6 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -152,20 +151,9 @@ def _scene_of(folder: Path) -> dict:
 
 
 def fill_template(template: str, data: dict, values: Mapping[str, object]) -> str:
-    """Return a template of page/ with style, script, data and the values, which are escaped."""
-    from matplotlib import colormaps  # here, as its import is slow
-
-    viridis = np.round(255 * colormaps["viridis"](np.linspace(0, 1, COLOURS))[:, :3]).tolist()
-    script = part("viewer.js").replace("VIRIDIS;", f"{json.dumps(viridis)};")
-    script = script.replace("CHECKED;", f"{json.dumps(checker_pattern.SHADES)};")
+    """Return a page of page/ with the data that viewer.js draws, and the values, escaped."""
     plain = json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
-    pieces = {"style": part("page.css"), "cloth": part("cloth.html"), "script": script}
-    return render(template, {**pieces, "data": plain, **values}) + "\n"
-
-
-def part(name: str) -> str:
-    """Return the text of a file of view/page/."""
-    return (files("fecloth.view") / "page" / name).read_text(encoding="utf-8")
+    return render(template, {**values, "data": plain}) + "\n"
 
 
 def pack_frames(
@@ -201,7 +189,12 @@ def pack_frames(
     high = points.max(axis=(0, 1))
     view = view_of(low, high)
     triangles = frame_reader.straight(frame.cells)  # the same in all frames
+    from matplotlib import colormaps  # here, as its import is slow
+
+    viridis = colormaps["viridis"](np.linspace(0, 1, COLOURS))
     return {
+        "colours": viridis[:, :3].tolist(),
+        "shades": checker_pattern.SHADES,
         "times": times,
         "unit": unit,
         "start": len(times) - 1,  # the first frame is often flat
