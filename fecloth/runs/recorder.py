@@ -123,7 +123,7 @@ class Recorder:
             else:
                 self.progress = self._begin()
                 if problem.output.restarts:
-                    self.restart(regular=True)
+                    self.restart(is_asked=True)
 
     def _begin(self) -> Progress:
         """Write the first frame and the first rows of a new run; return its progress.
@@ -143,44 +143,38 @@ class Recorder:
         return self._progress(problem.start, memory, accounts)
 
     def _progress(self, state, memory, accounts: Accounts, doubts=(), wanted=None) -> Progress:
-        """Return the progress after a step, with the sizes that the files have now."""
-        frames = len(self.files.frames.times)
-        sizes = self.files.sizes
-        return Progress(state, memory, accounts, doubts, wanted, frames, sizes)
+        """Return the progress after a step, with the sizes that the tables have now."""
+        return Progress(state, memory, accounts, doubts, wanted, tables=self.files.sizes)
 
     def _resume(self, earlier: Restart) -> None:
         """Remove what the run wrote after its restart file; log from where it goes on."""
-        self.files.keep()
-        restarts.drop_later(self.folder.path, earlier)
-        if earlier.exact:
-            exactly = ""
-        else:
-            exactly = ", exact to the solver's tolerance only: a factor was lost"
+        self.files.cut(self.progress)
         at = place_in_words(self.progress.state.t, self.problem.unit)
-        self.folder.log(f"goes on from step {self.progress.memory.step} at {at}{exactly}")
+        self.folder.log(f"goes on from step {self.progress.memory.step} at {at}")
         if differences := restarts.differences(earlier):
             self.folder.log(f"the last bits may differ: {differences}")
 
-    def restart(self, regular: bool = False) -> None:
+    def restart(self, is_asked: bool = False) -> None:
         """Write a restart file.
 
-        A `regular` one, which the scene asks for, first drops the factor that the solver holds.
-        So the unbroken run goes on without it, as a continued run does, and both agree bit for
-        bit. Any other one is exact only if the solver holds nothing.
+        One that the scene asks for first drops the factor that the solver holds. So the unbroken
+        run goes on without it, as a continued run does, and both agree bit for bit. Any other
+        one would not be exact while the solver holds a factor. Then it is written only if the
+        scene asks for none, so that there is no exact one to continue from.
         """
-        self.folder.check_in_place()
-        if regular:
+        if is_asked:
             self.solver.drop()
-        restart = Restart(
-            scene=self.scene,
-            start=self.start,
-            method=str(self.problem.method),
-            progress=self.progress,
-            exact=regular or not self.solver.keeps_state,
-            made_on=restarts.machine(),
+        elif self.problem.output.restarts and self.solver.keeps_state:
+            return
+        self.files.commit(
+            Restart(
+                scene=self.scene,
+                start=self.start,
+                method=str(self.problem.method),
+                progress=self.progress,
+                made_on=restarts.machine(),
+            )
         )
-        self.files.flush()  # `write` flushes the folder of the run
-        restarts.write(self.folder.path, restart)
 
     def march(self, report, warn, interrupted: threading.Event) -> FeclothError | None:
         """Take and record all steps; return the error that ended them early, or None.
@@ -231,7 +225,7 @@ class Recorder:
                 self._record_step(record)
                 self._warn(self.progress.accounts, warn)
                 if is_restart_due := self._is_restart_due(info):
-                    self.restart(regular=True)
+                    self.restart(is_asked=True)
             report(info)
             if interrupted.is_set():
                 if not is_restart_due:  # else this step has its restart file already
@@ -264,7 +258,8 @@ class Recorder:
             )
         except BaseException:
             self.progress = before
-            self.files.cut(before)
+            with suppress(InputError):  # the first error is the one to report
+                self.files.cut(before)
             raise
 
     def _write_frame(
@@ -359,8 +354,7 @@ class Recorder:
             for line in (*accounts.words(), f"{words}: {error}" if error else words):
                 self.folder.log(line)
             self._report(summary, tables)
-            self.folder.summary(summary)  # `--resume` writes all of this if it is missing
-            self.files.remove_gathered()
+            self.folder.summary(summary)
         except InputError as disk_error:
             status = FAILED
             error = error or disk_error
