@@ -36,39 +36,6 @@ _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 # tenth of the time of these steps.
 STEPS_BETWEEN_COUNTS = {True: 150, False: 6}
 LAST = (Solves, Shapes)  # in this order in the log and among the warnings
-ORDER = (  # of the keys of summary.json; keys of other accounts follow
-    "status",
-    "error",
-    "warnings",
-    "warning",
-    "doubts",
-    "t",
-    "t_end",
-    "unit",
-    "time_error",
-    "time_error_in_words",
-    "least_eigenvalue",
-    "space_error",
-    "space_error_in_words",
-    "contact_in_words",
-    "nodes",
-    "triangles",
-    "free_dofs",
-    "method",
-    "steps",
-    *SUMMED,
-    "newton_error_in_words",
-    "least_stretch",
-    "largest_stretch",
-    "inverted_triangles",
-    "intersecting_pairs",
-    "frames",
-    "open",
-    "solver",
-    "threads",
-    "seconds",
-    "ledger",
-)
 
 
 class Recorder:
@@ -366,13 +333,13 @@ class Recorder:
         return (*self.doubts_before_run, *self.progress.doubts)
 
     def _summarise(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
-        """Return the content of summary.json, its keys in the order of `ORDER`.
+        """Return the content of summary.json.
 
         `failure` is the message of the error that ended the run; `why` is the reason for the
         choice of the solver.
         """
         warnings = list(in_words(self.doubts))
-        values = {
+        return {
             "status": status,
             "error": failure,
             "warnings": warnings,
@@ -381,6 +348,7 @@ class Recorder:
             "t": self.progress.state.t,
             "t_end": self.problem.t_end,
             "unit": self.problem.unit,
+            **accounts.summary(),
             **outcome.count_sizes(self.problem.system),
             "method": str(self.problem.method),
             "frames": len(self.files.frames.times),
@@ -391,9 +359,7 @@ class Recorder:
             "peak_memory_MB": peak_memory(),
             **self.problem.system.usage(),
             "versions": versions(),
-            **accounts.summary(),
         }
-        return {key: values[key] for key in ORDER if key in values} | values
 
     def _report(self, summary: dict, tables: dict) -> None:
         """Write report.html; if that fails, log why."""
