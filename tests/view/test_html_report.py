@@ -80,14 +80,21 @@ def test_its_charts_have_the_names_of_the_columns(run):
     assert titles[:5] == ["tip", "mean_displacement", "sag", "area", "reaction:left"]
 
 
-@pytest.mark.parametrize("size", [1e-9, 2.5e-3, 0.1, 1e3, 1e7])
-@pytest.mark.parametrize("mean", [0.0, 1.0])
-@pytest.mark.parametrize("log", [False, True])
+@pytest.mark.parametrize("size", [1e-9, 2e-4, 2.5e-3, 0.1, 1e3, 1e7])
+@pytest.mark.parametrize(
+    ("mean", "log"), [(-1, False), (0, False), (1, False), (0, True), (1, True)]
+)
 def test_labels_of_an_axis_are_inside_the_picture(size, mean, log):
     t = np.array([0.0, 1e-4])
     (figure,) = draw([Chart("a", "label", t, {"a": mean + size * np.array([0.1, 1.0])}, log)])
-    baseline = float(re.search(r"rotate\(-90 ([-0-9.]+) ", figure)[1])
-    assert baseline > 8  # letters of this size are up to 8 high
+    end_of_title = float(re.search(r"rotate\(-90 ([-0-9.]+) ", figure)[1])
+    assert end_of_title > 8  # letters of this size are up to 8 high
+    labels = re.findall(r'text-anchor: end" x="([0-9.]+)"[^>]*>([^<]*)<', figure)
+    assert len(labels) > 1
+    # A digit is 6.4 wide, and a point half as wide.
+    widths = [6.4 * len(text) - 3.2 * text.count(".") for _, text in labels]
+    begins = [float(x) - width for (x, _), width in zip(labels, widths, strict=True)]
+    assert min(begins) > end_of_title
     assert "tspan" not in figure  # no powers of ten with exponents, which take long to draw
 
 
