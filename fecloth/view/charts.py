@@ -28,7 +28,8 @@ STYLE_IN_PAGES: dict[Any, Any] = {
     "xtick.major.size": 0,
     "ytick.major.size": 0,
 }
-UNITS = {"area": "m²", "reaction": "N"}  # of columns of observed.csv, by how they begin; others: m
+# Of columns of observed.csv, by how their names begin. Other vectors are positions.
+UNITS = {"sag": "[m]", "area": "[m²]", "least_distance": "[m]", "reaction": "[N]"}
 SIZE = (4.6, 2.5)  # of a chart [inches]
 AXES = (0.19, 0.17, 0.78, 0.74)  # left, bottom, width and height of its axes, over its size
 NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))  # the same run, the same file
@@ -67,37 +68,40 @@ def draw(charts: Iterable[Chart], x: str = "t [s]") -> list[str]:
     from matplotlib import rc_context  # here, as its import is slow
     from matplotlib.figure import Figure
 
-    figures = []
+    shown = [_drawable(chart) for chart in charts]
     with rc_context(STYLE_IN_PAGES, STYLE):
-        figure = Figure(figsize=SIZE)
-        ax = figure.add_axes(AXES)  # for all charts, as new ones take twice the time
+        ax = Figure(figsize=SIZE).add_axes(AXES)  # for all charts: new ones take twice the time
         ax.xaxis.set_label_coords(0.5, -0.13)  # else they are placed by the ticks: slower
         ax.yaxis.set_label_coords(-0.2, 0.5)
-        for chart in charts:
-            curves = {name: _with_gaps(y, chart.log) for name, y in chart.curves.items()}
-            curves = {name: y for name, y in curves.items() if np.isfinite(y).sum() > 1}
-            if not curves:
-                continue
-            lines = [
-                ax.plot(chart.t, y, color=COLOURS[i % len(COLOURS)], label=name)[0]
-                for i, (name, y) in enumerate(curves.items())
-            ]
-            ax.set(xlabel=x, ylabel=chart.y)
-            _scale(ax, list(curves.values()), chart.log)
-            svg = io.StringIO()
-            figure.savefig(svg, format="svg", metadata=NO_METADATA)
-            for line in lines:
-                line.remove()
-            picture = svg.getvalue()
-            values = {"title": chart.title, "lines": lines, "svg": picture[picture.index("<svg") :]}
-            figures.append(render("chart.html", values))
-    return figures
+        return [_draw_on(ax, chart, x) for chart in shown if chart.curves]
 
 
-def _with_gaps(y: np.ndarray, log: bool) -> np.ndarray:
-    """Return y (k,) with NaN where the axis, logarithmic if `log`, has no place for a value."""
-    y = np.asarray(y, float)
-    return np.where(drawable(y) & ((y > 0) | (not log)), y, np.nan)
+def _drawable(chart: Chart) -> Chart:
+    """Return a chart with NaN for values without a place, and curves of two points or more."""
+    curves = {}
+    for name, values in chart.curves.items():
+        y = np.asarray(values, float)
+        y = np.where(drawable(y) & ((y > 0) | (not chart.log)), y, np.nan)
+        if np.isfinite(y).sum() > 1:
+            curves[name] = y
+    return chart._replace(curves=curves)
+
+
+def _draw_on(ax, chart: Chart, x: str) -> str:
+    """Draw a chart on these axes, and return its <figure>; its curves are removed again."""
+    lines = [
+        ax.plot(chart.t, y, color=COLOURS[i % len(COLOURS)], label=name)[0]
+        for i, (name, y) in enumerate(chart.curves.items())
+    ]
+    ax.set(xlabel=x, ylabel=chart.y)
+    _scale(ax, list(chart.curves.values()), chart.log)
+    svg = io.StringIO()
+    ax.figure.savefig(svg, format="svg", metadata=NO_METADATA)
+    for line in lines:
+        line.remove()
+    picture = svg.getvalue()
+    values = {"title": chart.title, "lines": lines, "svg": picture[picture.index("<svg") :]}
+    return render("chart.html", values)
 
 
 def _scale(ax, curves: list[np.ndarray], log: bool) -> None:
@@ -130,9 +134,9 @@ def observed_charts(table: Mapping[str, np.ndarray]) -> list[Chart]:
         curves.setdefault(name, {})[column] = values
     charts = []
     for name, of_name in curves.items():
-        unit = UNITS.get(name.partition(":")[0], "m")
+        unit = UNITS.get(name.partition(":")[0], "[m]" if f"{name}.x" in table else "")
         if name != "t":
-            charts.append(Chart(name, f"[{unit}]", table["t"], of_name))
+            charts.append(Chart(name, unit, table["t"], of_name))
     return charts
 
 

@@ -14,7 +14,7 @@ from fecloth.cli.main import main
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
 from fecloth.simulation.shapes import stretch_row
-from fecloth.view.charts import Chart, draw
+from fecloth.view.charts import Chart, draw, observed_charts
 from fecloth.view.html_report import read_table, write_report
 
 SCENE = """
@@ -78,6 +78,16 @@ def test_its_charts_have_the_names_of_the_columns(run):
     page = run("--set", probe)[1]
     titles = re.findall("<figcaption>(.*?)</figcaption>", page)
     assert titles[:5] == ["tip", "mean_displacement", "sag", "area", "reaction:left"]
+
+
+def test_charts_of_observed_columns_have_their_units():
+    names = ["t", "tip.x", "tip.y", "tip.z", "area", "own", "least_distance:ball"]
+    reaction = [f"reaction:left.{axis}" for axis in "xyz"]
+    shown = observed_charts({name: np.zeros(2) for name in [*names, *reaction]})
+    units = {"tip": "[m]", "area": "[m²]", "own": "", "least_distance:ball": "[m]"}
+    assert {chart.title: chart.y for chart in shown} == {**units, "reaction:left": "[N]"}
+    assert list(shown[0].curves) == ["tip.x", "tip.y", "tip.z"]
+    assert observed_charts({}) == []
 
 
 @pytest.mark.parametrize("size", [1e-9, 2e-4, 2.5e-3, 0.1, 1e3, 1e7])
