@@ -14,6 +14,7 @@ from fecloth.simulation.setup import Setup
 from fecloth.study.change import Change
 from fecloth.study.function_problem import FunctionProblem
 from fecloth.study.problems import Problem, SceneProblem
+from fecloth.system.reuse import reusing
 
 WHERE = "sensitivity"
 TABLES = ("fabric", "fabrics", "terms")  # tables whose numbers are taken if none is named
@@ -183,7 +184,8 @@ def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Se
     """
     try:
         changed = problem.changed(Change(values=grouped(problem, values)))
-        setup = changed.setup(base.cloth)
+        with reusing(base.system):
+            setup = changed.setup(base.cloth)
     except InputError as error:
         # its own value is allowed, so this one lies beyond an end of what is allowed
         allowed = "needs values on both sides of its own: " + str(error)
