@@ -205,9 +205,7 @@ class WatchedPanel(Panel):
         )
 
 
-def rows_of(
-    fabrics: tuple[Fabric, ...], constants: Callable[[Fabric], ArrayLike]
-) -> np.ndarray:
+def rows_of(fabrics: tuple[Fabric, ...], constants: Callable[[Fabric], ArrayLike]) -> np.ndarray:
     """Return the constants (f, p) of each fabric, from a function ``constants(fabric) -> (p,)``."""
     return np.array([np.atleast_1d(constants(fabric)) for fabric in fabrics], dtype=float)
 

@@ -211,9 +211,7 @@ def _difference(plus: _Side, minus: _Side, x_plus: np.ndarray, x_minus: np.ndarr
     at_minus = minus.place(x_minus)
     are_same_places = np.array_equal(at_plus, at_minus)
     force = np.zeros_like(x_plus)
-    pairs = zip(
-        plus.equation(at_plus).terms(), minus.equation(at_minus).terms(), strict=True
-    )
+    pairs = zip(plus.equation(at_plus).terms(), minus.equation(at_minus).terms(), strict=True)
     for (term_plus, factor, t), (term_minus, _, _) in pairs:
         if not (are_same_places and term_plus is term_minus):
             force += factor * _force(term_plus, at_plus, t)

@@ -16,6 +16,7 @@ from fecloth.integrators.protocol import method_of
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.options import Newton
+from fecloth.simulation.derived_loads import find_rest
 from fecloth.simulation.equilibrium import Equilibrium
 from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
@@ -28,7 +29,6 @@ from fecloth.study.derivation import (
     Derivation,
     Recorded,
     derive_run,
-    find_rest,
 )
 from fecloth.study.measured_runs import columns_to_record, measure, record_of
 from fecloth.study.modes import Modes, modes

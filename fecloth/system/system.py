@@ -186,7 +186,9 @@ class System:
         """
         given = self._arguments
         names = ("cloth", "mass", "grain", "threads")
-        are_alike = all(same(getattr(given, name), getattr(base._arguments, name)) for name in names)
+        are_alike = all(
+            same(getattr(given, name), getattr(base._arguments, name)) for name in names
+        )
         have_as_many_terms = len(self.terms) == len(base.terms)
         if not (are_alike and have_as_many_terms and self.is_whole and base.is_whole):
             return
