@@ -44,7 +44,7 @@ class Recorded:
     Attributes
     ----------
     whole
-        Whether the rows of each step, not only of both ends.
+        Whether the rows of the start and of each step, not only of the end.
     flows
         Whether dissipation and work are among the columns, for which the ledger is derived.
     only_start
@@ -97,7 +97,7 @@ class Follower:
     flows: Any = None
 
     def __post_init__(self) -> None:
-        """Derive the start, its ledger and its row, by central differences."""
+        """Derive the start, and what is recorded there, by central differences."""
         larger, smaller = self._setups_at(LARGEST_CHANGE)
         width = 2 * LARGEST_CHANGE
         no_memories = (None, None)  # a method remembers nothing before its first step
@@ -107,12 +107,14 @@ class Follower:
         )
         self.start = Along.between(larger.start, smaller.start, width, no_memories, histories)
         self.along = self.start
-        self.flows = records.slope(larger.ledger, smaller.ledger, width)
-        self._add_row(larger.row(), smaller.row(), LARGEST_CHANGE)
+        if self.recorded.flows:
+            self.flows = records.slope(larger.ledger, smaller.ledger, width)
+        if self.recorded.whole:
+            self._add_row(larger.row(), smaller.row(), LARGEST_CHANGE)
 
     @cached_property
     def slopes(self) -> dict[str, np.ndarray]:
-        """Column → (s + 1,) derivatives of what the run has recorded, after its end."""
+        """Column → derivatives of the rows that the run has recorded, after its end."""
         return columns(self.rows)
 
     def size(self, along: Along, dt: float) -> float:
@@ -215,9 +217,9 @@ class Derivation:
     result
         The `Result`, or the `Equilibrium`.
     times
-        (s + 1,) times of the recorded rows [s].
+        Times of the rows that are derived [s].
     columns
-        Column → (s + 1,) recorded values.
+        Column → values of these rows.
     followers
         The derivatives by each parameter.
     sizes
@@ -279,7 +281,7 @@ def derive_run(
     if recorded.only_start:
         return Derivation(setup.start, np.array([setup.start.t]), {}, followers)
     if setup.t_end is None:
-        return _derive_rest(setup, followers, rest_tolerance, report)
+        return _derive_rest(setup, followers, recorded, rest_tolerance, report)
     return _derive_motion(setup, followers, recorded, tolerance, rest_tolerance, report)
 
 
@@ -298,7 +300,7 @@ def _derive_motion(
     followers
         The derivatives by each parameter, at the start; they follow the run.
     recorded
-        Which rows are derived; without `whole` only the first and the last one.
+        Which rows are derived.
     tolerance, rest_tolerance
         Relative error of a derivative over a step, and over a load step.
     report
@@ -336,27 +338,36 @@ def _derive_motion(
             yield state, info
 
     result = simulation.run(solver, watch=watch)
+    derived_rows = slice(None) if recorded.whole else slice(-1, None)
     all_columns = {**result.energies, **result.observed}
-    times = result.times
-    if not recorded.whole:
-        times = times[[0, -1]]
-        all_columns = {name: values[[0, -1]] for name, values in all_columns.items()}
+    derived_columns = {name: values[derived_rows] for name, values in all_columns.items()}
     chosen_method = ""
     if chooses_method(setup.steps):
         chosen_method = type(method).__name__
     why = ""
     if setup.steps.dt is None and not isinstance(steps, LoadSteps):
         why = "the steps that were chosen stay as they are"
-    return Derivation(result, times, all_columns, followers, tuple(sizes), chosen_method, why)
+    return Derivation(
+        result=result,
+        times=result.times[derived_rows],
+        columns=derived_columns,
+        followers=followers,
+        sizes=tuple(sizes),
+        method=chosen_method,
+        why=why,
+    )
 
 
 def _derive_rest(
-    setup: Setup, followers: Sequence[Follower], tolerance: float, report: Callable[..., None]
+    setup: Setup,
+    followers: Sequence[Follower],
+    recorded: Recorded,
+    tolerance: float,
+    report: Callable[..., None],
 ) -> Derivation:
     """Find the equilibrium of a setup, and derive it as a single load step.
 
-    Return the state with the rows at start and end; `followers` get the derivatives of both.
-    `tolerance` is the relative error of a derivative, `report` is called after each iteration.
+    The arguments are as for `_derive_motion`; `report` is called after each iteration.
     """
     start = setup.start
     rest = equilibrium(setup.system, start, report=report)
@@ -364,5 +375,7 @@ def _derive_rest(
     step = loads.step
     for follower in followers:
         follower.follow(start, step, loads.derive, is_last=True)
-    rows = columns([setup.row(), setup.row(step.state)])
-    return Derivation(step.state, np.array([start.t, start.t]), rows, followers)
+    rows = [setup.row(step.state)]
+    if recorded.whole:
+        rows.insert(0, setup.row())
+    return Derivation(step.state, np.full(len(rows), start.t), columns(rows), followers)

@@ -20,6 +20,7 @@ from fecloth.simulation.derived_loads import find_rest
 from fecloth.simulation.equilibrium import Equilibrium
 from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.simulation.setup import Setup
@@ -249,13 +250,15 @@ FLOWS = ("dissipated", "work", "pins", "numerical", "remainder")
 
 
 def what_to_record(quantities: Sequence[Quantity], setup: Setup) -> Recorded:
-    """Return what a run records for the quantities: each step or both ends, and the ledger.
+    """Return what a run records for the quantities: each step or the end, and the ledger.
 
-    A user's function may read anything of the result, so it needs all rows and the ledger.
+    A user's function may read anything of the result, so it needs all rows and the ledger. The
+    displacement of a probe needs its place at the start.
     """
     has_functions = any(quantity.function for quantity in quantities)
     flows = any(quantity.column.split(":")[0].split(".")[0] in FLOWS for quantity in quantities)
-    whole = any(columns_to_record(quantity) for quantity in quantities)
+    probes = [probe.name for probe in setup.probes if isinstance(probe, Probe)]
+    whole = any(columns_to_record(q) or q.column in probes for q in quantities)
     only_start = quantities[0].how == "mode" and not setup.is_static  # frequencies about it
     flows = flows or has_functions
     return Recorded(whole=whole or flows, flows=flows, only_start=only_start)
