@@ -3,13 +3,17 @@
 import inspect
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from fecloth.errors import InputError, brief, did_you_mean, is_number
-from fecloth.scene.toml_text import flatten
+from fecloth.scene.table_model import as_tuples
+from fecloth.scene.toml_text import flatten, without_empty
 from fecloth.simulation.setup import Setup
 from fecloth.study.change import Change
 from fecloth.study.function_problem import FunctionProblem
@@ -178,14 +182,14 @@ def _usual_names(problem: Problem, numbers: Mapping[str, float]) -> list[str]:
 def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Setup:
     """Return the setup of the problem with other values, on the same triangles as `base`.
 
-    A scene is built on the cloth of `base`; a function makes its own cloth. Raise `InputError`
-    if the values are refused, or change the triangles or the held nodes: then the positions of
-    both runs cannot be compared node by node.
+    A scene is built on the cloth of `base`; a function makes its own cloth. All that does not
+    depend on the values is taken from `base`. Raise `InputError` if the values are refused, or
+    change the triangles or the held nodes: then the positions of both runs cannot be compared
+    node by node.
     """
     try:
-        changed = problem.changed(Change(values=grouped(problem, values)))
         with reusing(base.system):
-            setup = changed.setup(base.cloth)
+            setup = _setup_on(problem, values, base)
     except InputError as error:
         # its own value is allowed, so this one lies beyond an end of what is allowed
         allowed = "needs values on both sides of its own: " + str(error)
@@ -199,6 +203,38 @@ def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Se
         remedy = "Move the nodes of the same triangles, and hold the same nodes."
         raise InputError(what, "changes the mesh or the held nodes", WHERE, remedy)
     return setup
+
+
+def _setup_on(problem: Problem, values: Mapping[str, float], base: Setup) -> Setup:
+    """Return the setup with other values, with as much of `base` as stays the same.
+
+    Of a scene whose values are all of the fabric and the terms, only these are made again. If
+    they are refused, the whole scene is read, which says what is wrong.
+    """
+    in_tables = all(name.partition(".")[0] in TABLES for name in values)
+    if isinstance(problem, SceneProblem) and in_tables:
+        with suppress(ValidationError):
+            return replace(base, system=base.system.replace(**_fabric_and_terms(problem, values)))
+    return problem.changed(Change(values=grouped(problem, values))).setup(base.cloth)
+
+
+def _fabric_and_terms(problem: SceneProblem, values: Mapping[str, float]) -> dict[str, Any]:
+    """Return the arguments of `System` that a scene has in its `TABLES`, with other values.
+
+    Raise `ValidationError` if a table does not allow its value.
+    """
+    scene = problem.scene
+    own_tables = {name: table for name, table in problem.tables.items() if name in TABLES}
+    tables = as_tuples(without_empty(Change(values=values).apply(own_tables)))
+
+    def make(model: Any, table: dict) -> Any:
+        return type(model).model_validate(table, context={"folder": Path()}).make()
+
+    terms = list(map(make, scene.terms, tables.get("terms", ())))
+    if scene.fabric:
+        return {"terms": terms, "fabric": make(scene.fabric, tables["fabric"])}
+    fabrics = {name: make(model, tables["fabrics"][name]) for name, model in scene.fabrics.items()}
+    return {"terms": terms, "fabric": fabrics}
 
 
 def grouped(problem: Problem, values: Mapping[str, float]) -> dict[str, object]:
