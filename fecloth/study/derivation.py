@@ -317,7 +317,7 @@ def _derive_motion(
     tangents = None  # explicit steps solve no equation, load steps have their own tangent
     if not (steps.traits.explicit or isinstance(steps, LoadSteps)):
         symmetric = has_symmetric_matrix(system, method)
-        tangents = StepTangents(system, symmetric, solver[0], len(followers), tolerance)
+        tangents = StepTangents(system, symmetric, solver[0], tolerance)
     sizes = list[float]()
 
     def watch(states) -> Iterator:
