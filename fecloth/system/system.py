@@ -577,8 +577,8 @@ class System:
 def _read_later(term: Any) -> Collection[str]:
     """Return the attributes of its panel that a term may still read when it is bound.
 
-    The terms of fecloth read fabrics, start and clamps only while they are bound. Of the term of
-    a user this is not known.
+    The terms of fecloth read nothing then of fabrics, start and clamps that they have not read
+    while they were bound. Of the term of a user this is not known.
     """
     if type(term).__module__.startswith("fecloth."):
         return ()
