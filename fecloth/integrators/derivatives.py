@@ -86,7 +86,7 @@ class StepTangents:
         if self.solution is not solution:
             self.solution = solution
             self.contractions = {}
-        exact = {"exact": partial(self._make_exact, solution)}
+        exact: dict[str, Callable[[], Map]] = {"exact": partial(self._make_exact, solution)}
         if self.exact_solution is solution or not has_matrix:
             return exact
         return {"held": partial(self._hold_factor, solution), **exact}

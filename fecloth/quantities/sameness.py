@@ -28,10 +28,10 @@ def same(a: Any, b: Any) -> bool:
     if isinstance(a, PLAIN):
         return repr(a) == repr(b)  # unlike ==, it tells 0.0 from −0.0
     if isinstance(a, np.ndarray):
-        are_alike = a.dtype == b.dtype and a.shape == b.shape and a.dtype.kind != "O"
-        return are_alike and a.tobytes() == b.tobytes()
+        are_numbers = a.dtype == b.dtype and a.dtype.kind != "O"
+        return bool(are_numbers and a.shape == b.shape and a.tobytes() == b.tobytes())
     if isinstance(a, Mapping):
-        return list(a) == list(b) and all(same(a[key], b[key]) for key in a)
+        return same(list(a), list(b)) and all(same(a[key], b[key]) for key in a)
     if isinstance(a, list | tuple):
         return len(a) == len(b) and all(map(same, a, b))
     if is_dataclass(a):

@@ -111,8 +111,7 @@ class DerivedLoads:
 def find_rest(system: System, start: State, report=lambda *_: None) -> Equilibrium:
     """Return the equilibrium as exactly as round-off allows, because twin runs differ little."""
     rest = equilibrium(system, start, report=report)
-    polished: Equilibrium = DerivedLoads.at_rest(system, start, rest, 0.0).step.state
-    return polished
+    return replace(rest, x=DerivedLoads.at_rest(system, start, rest, 0.0).step.state.x)
 
 
 def _resting(system: System, state: State) -> Step:

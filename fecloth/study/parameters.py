@@ -231,10 +231,13 @@ def _fabric_and_terms(problem: SceneProblem, values: Mapping[str, float]) -> dic
         return type(model).model_validate(table, context={"folder": Path()}).make()
 
     terms = list(map(make, scene.terms, tables.get("terms", ())))
+    fabric: Any
     if scene.fabric:
-        return {"terms": terms, "fabric": make(scene.fabric, tables["fabric"])}
-    fabrics = {name: make(model, tables["fabrics"][name]) for name, model in scene.fabrics.items()}
-    return {"terms": terms, "fabric": fabrics}
+        fabric = make(scene.fabric, tables["fabric"])
+    else:
+        models = scene.fabrics or {}
+        fabric = {name: make(model, tables["fabrics"][name]) for name, model in models.items()}
+    return {"terms": terms, "fabric": fabric}
 
 
 def grouped(problem: Problem, values: Mapping[str, float]) -> dict[str, object]:
