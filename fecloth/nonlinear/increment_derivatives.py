@@ -80,13 +80,16 @@ class StaticTangent:
 
 
 def with_exact_tangents(system: System) -> System:
-    """The system with the exact tangent of each term that has another one by default.
+    """The system whose terms have their exact tangents; itself if it has no symmetric ones.
 
     Newton's iteration does with a symmetric tangent; a derivative would need many corrections.
     """
+    options = [parameters_of(term).get("tangent") for term in system.terms]
+    if "symmetric" not in options:
+        return system
     terms = [
-        replace(term, tangent="exact") if "tangent" in parameters_of(term) else term
-        for term in system.terms
+        replace(term, tangent="exact") if option == "symmetric" else term
+        for term, option in zip(system.terms, options, strict=True)
     ]
     with reusing(system):
         return system.replace(terms=terms)
