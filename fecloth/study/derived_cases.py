@@ -44,6 +44,8 @@ LARGEST_ERROR = 1e-2
 STEP_ERROR = 2.0  # error of the derivative of a single step over the tolerance of all
 # Newton's tolerance in a run with derivatives, over the tolerance of derivatives.
 NEWTON_TOLERANCE = 1e-2
+# Columns of a row that take time and are left out where no quantity reads them.
+OF_SHAPE = ("volume", "least_stretch", "largest_stretch")
 # Newton's tolerance in twin runs: what it leaves is 1e-6 of their smallest change, 1e-5.
 TWIN_TOLERANCE = 1e-11
 
@@ -121,6 +123,8 @@ def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -
     quantity that is no finite number.
     """
     setup = setup.recording(quantity.column for quantity in sought.quantities)
+    needs_shape = any(q.function or q.column in OF_SHAPE for q in sought.quantities)
+    setup = replace(setup, shape=needs_shape)
     recorded = what_to_record(sought.quantities, setup)
     if sought.whole:
         recorded = replace(recorded, whole=True, only_start=False)  # the rows of each step

@@ -226,17 +226,22 @@ def _fabric_and_terms(problem: SceneProblem, values: Mapping[str, float]) -> dic
     scene = problem.scene
     own_tables = {name: table for name, table in problem.tables.items() if name in TABLES}
     tables = as_tuples(without_empty(Change(values=values).apply(own_tables)))
+    own_tables = as_tuples(without_empty(own_tables))
 
-    def make(model: Any, table: dict) -> Any:
+    def make(model: Any, table: dict, own_table: dict) -> Any:
+        if table == own_table:
+            return model.make()
         return type(model).model_validate(table, context={"folder": Path()}).make()
 
-    terms = list(map(make, scene.terms, tables.get("terms", ())))
+    terms = list(map(make, scene.terms, tables.get("terms", ()), own_tables.get("terms", ())))
     fabric: Any
     if scene.fabric:
-        fabric = make(scene.fabric, tables["fabric"])
+        fabric = make(scene.fabric, tables["fabric"], own_tables["fabric"])
     else:
-        models = scene.fabrics or {}
-        fabric = {name: make(model, tables["fabrics"][name]) for name, model in models.items()}
+        fabric = {
+            name: make(model, tables["fabrics"][name], own_tables["fabrics"][name])
+            for name, model in (scene.fabrics or {}).items()
+        }
     return {"terms": terms, "fabric": fabric}
 
 
