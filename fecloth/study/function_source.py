@@ -225,6 +225,10 @@ class FunctionSource:
             return setup
         return with_terms(setup, self.terms)
 
+    def setup_on(self, values: Mapping[str, Any], base: Setup) -> Setup:
+        """Return the set-up with other values; the function makes its own cloth, not `base`'s."""
+        return self.changed(values).setup()
+
     @property
     def cloth(self) -> Cloth:
         """The cloth alone."""

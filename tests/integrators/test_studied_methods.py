@@ -1,7 +1,8 @@
 """Which methods studies run, and in which order, follows from their traits."""
 
-from fecloth.integrators import studied_by
 from fecloth.study.tuning.choices import _preference
+
+from fecloth.integrators import studied_by
 
 
 def test_methods_that_studies_run_by_default():

@@ -2,7 +2,6 @@
 
 import errno
 import sys
-from pathlib import Path
 
 import pytest
 

@@ -9,10 +9,10 @@ import sys
 
 import numpy as np
 import pytest
+from fecloth.study.setups import setup_of_function
 
 import fecloth as fc
 from fecloth.study.measured_runs import measure
-from fecloth.study.setups import setup_of_function
 from fecloth.study.threads import NAMES
 
 COMMANDS = """

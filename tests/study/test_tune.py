@@ -7,6 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fecloth.study.problems import open_problem
+from fecloth.study.run_problems import Runs
+from fecloth.study.tuning.choices import Bench, Choice, problem_with
+from fecloth.study.tuning.curves import cost_curve, error_curve, error_of_finest
+from fecloth.study.tuning.prediction import Goal
+from fecloth.study.tuning.result import Tuned
+from fecloth.study.tuning.space_errors import drop_to_neighbours
+from fecloth.study.tuning.tune import drop_terms
 from support.power_laws import predict
 
 import fecloth as fc
@@ -16,15 +24,7 @@ from fecloth.scene.scene import load_scene, scene_of
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.command import StudyFailed
-from fecloth.study.problems import open_problem
 from fecloth.study.result import Table
-from fecloth.study.run_problems import Runs
-from fecloth.study.tuning.choices import Bench, Choice, problem_with
-from fecloth.study.tuning.curves import cost_curve, error_curve, error_of_finest
-from fecloth.study.tuning.prediction import Goal
-from fecloth.study.tuning.result import Tuned
-from fecloth.study.tuning.space_errors import drop_to_neighbours
-from fecloth.study.tuning.tune import drop_terms
 
 pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
 STRIP = """
