@@ -242,8 +242,8 @@ def announce(runs: Iterable[Run | Mapping], how: Runs, stages: int = 1) -> None:
     """Print the size of a study before its first case, and refuse one that takes far too long.
 
     The line has the number of cases, of triangles and of steps, the number of `stages` that the
-    study has at most, and the order of magnitude of the time, with start, meshing and compilation. Raise
-    `InputError` if that is above `how.most_seconds`.
+    study has at most, and the order of magnitude of the time, with start, meshing and
+    compilation. Raise `InputError` if that is above `how.most_seconds`.
     """
     to_run = [run for run in runs if isinstance(run, Run)]
     if not to_run:
