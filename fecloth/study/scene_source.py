@@ -342,8 +342,11 @@ class SceneSource:
         """
         return cls(scene_of(tables, trust_geo), "scene")
 
-    def has_shape_of(self, other: "SceneSource") -> bool:
-        """Whether the meshes differ in h alone, so that the number of triangles follows from h."""
+    def has_shape_of(self, other: Any) -> bool:
+        """Whether the meshes differ in h alone, so that the number of triangles follows from h.
+
+        `other` is the source that this one was made of.
+        """
         cloth, other_cloth = self.tables["cloth"], other.tables["cloth"]
         return {**cloth, "h": None} == {**other_cloth, "h": None}
 

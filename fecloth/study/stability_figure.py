@@ -76,7 +76,7 @@ def _draw_runs(ax, runs: Sequence[tuple[float | str, Mapping]]) -> dict[str, Any
         points[label].append((place, row["dt"]))
         if row["predicted"] and math.isfinite(row["predicted"]):
             limits[place] = row["predicted"]
-    lines = {}
+    lines: dict[str, Any] = {}
     for label, look in LOOKS.items():
         if points[label]:
             (lines[label],) = ax.plot(*zip(*points[label], strict=True), ls="", ms=7, **look)
