@@ -15,7 +15,8 @@ from fecloth.scene.plan import plan
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.setup import Setup
 from fecloth.study.chart_grid import change_names
-from fecloth.study.problem import StudyProblem, find_obstacles
+from fecloth.study.orders import find_obstacles
+from fecloth.study.problem import StudyProblem
 from fecloth.study.term_variants import simpler_terms
 from studies.simplify.numbers import Numbers, table
 from studies.simplify.predictions import find_limits, predict_change
