@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from fecloth.study.chart_grid import change_names
 from fecloth.study.problems import open_problem
 from support.local_link import LocalLink
 from support.own_terms import OWN, Breeze, Ribs, Rubber, Syrup
@@ -15,7 +14,9 @@ from fecloth.distributed.distributed_system import DistributedSystem
 from fecloth.scene.plan import plan
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.setup import Setup
-from fecloth.study.problem import StudyProblem, find_obstacles
+from fecloth.study.chart_grid import change_names
+from fecloth.study.orders import find_obstacles
+from fecloth.study.problem import StudyProblem
 from fecloth.study.term_variants import simpler_terms
 from studies.simplify.numbers import Numbers, table
 from studies.simplify.predictions import find_limits, predict_change
