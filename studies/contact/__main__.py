@@ -3,7 +3,7 @@
 The problems are from references.py: the capstan equation, a heavy elastica that leaves a plane,
 and a drum blown against a plate, or against a held sheet with `SelfContact`. Errors are relative.
 The full form writes contact.md.
-`python -m studies.contact.drop` lets a sheet fall on a ball.
+`python -m studies.evidence.contact.drop` lets a sheet fall on a ball.
 
     python -m studies.contact [--quick]
 """

@@ -21,8 +21,8 @@ from fecloth.study.simplification.outcome import Findings, Outcome, find_resolut
 from fecloth.study.simplification.result import make_verdict
 from fecloth.study.simplification.simplify import combine_variants, simplify
 from fecloth.study.simplification.variants import FINER, Variant, list_variants
-from studies.simplify.numbers import Numbers
-from studies.simplify.predictions import find_limits, predict_change
+from studies.evidence.simplify.numbers import Numbers
+from studies.evidence.simplify.predictions import find_limits, predict_change
 
 pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
 STUDIES = Path(__file__).parents[2] / "studies"

@@ -35,7 +35,7 @@ for name in [name for name, command in COMMANDS.items() if command.is_study]:
 """
 SCRIPTS = """
 import os
-import studies.benchmarks.{name}
+import studies.evidence.benchmarks.{name}
 from fecloth.study.threads import NAMES
 from fecloth.compiled.team import Team
 
