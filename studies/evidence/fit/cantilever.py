@@ -11,12 +11,12 @@ elastica (`studies.references.elastica`) of one that drops by half of its length
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 import fecloth as fc
 from studies import harness
-from studies.fit.pages import write_page
 from studies.fit.specimens import DENSITY, SAG, TIP, hang
 from studies.fit.twins import fit_quietly
 from studies.references.elastica import heavy_elastica
@@ -81,9 +81,9 @@ def main() -> int:
             for (element, gamma), order in orders.items()
         ),
     ]
-    title = "Bending rigidity from a strip that hangs"
-    write_page(options.out, "cantilever", __doc__, findings, rows)
-    return harness.write_report(options, title, rows, tables={"Fits": rows}, findings=findings)
+    title, what = harness.about(__doc__)
+    page = Path(__file__).with_suffix("")
+    return harness.write_report(options, title, rows, conclusion=what, findings=findings, page=page)
 
 
 def row(element: str, gamma: float, data: str, cells: int, start: str, value: float) -> dict:

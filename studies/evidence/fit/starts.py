@@ -10,6 +10,8 @@ tenth of half its interval, since a weak pull towards the start holds what the d
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 import fecloth as fc
@@ -17,7 +19,6 @@ from fecloth import study
 from fecloth.errors import FeclothError
 from studies import harness
 from studies.fit import draws
-from studies.fit.pages import write_page
 from studies.fit.twins import NOISE, QUICK_CONSTANTS, QUICK_TESTS, fit_quietly
 
 FABRICS, FACTOR = 10, 10.0
@@ -65,7 +66,7 @@ def main() -> int:
     each = {"seed": options.seed, "tests": tests, "constants": constants}
     cases = [each | {"number": number} for number in range(count)]
     rows = study.run_cases(cases, solve, **harness.run_options(options), time_limit=600)
-    title = "Fits that begin ten times off"
+    title, what = harness.about(__doc__)
     harness.require_results(options, title, rows)
     ended = [row for row in rows if row["status"] == "ok"]
     findings = [
@@ -76,10 +77,8 @@ def main() -> int:
         )
         for name, words in (("up", "ten times the truth"), ("down", "a tenth of it"))
     ]
-    hidden = ("seed", "tests", "constants", "seconds", "cpu_seconds", "status", "cause")
-    table = [{key: value for key, value in row.items() if key not in hidden} for row in rows]
-    write_page(options.out, "starts", __doc__, findings, table)
-    return harness.write_report(options, title, rows, tables={"Fabrics": table}, findings=findings)
+    page = Path(__file__).with_suffix("")
+    return harness.write_report(options, title, rows, conclusion=what, findings=findings, page=page)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from fecloth import study
 from studies import harness
 from studies.fit import draws
 from studies.fit.measuring import Test
-from studies.fit.pages import write_page
 from studies.fit.specimens import DENSITY, hang_with_more, pull_with_more
 from studies.fit.twins import COVERED, NOISE, fit_quietly
 
@@ -129,7 +129,7 @@ def main() -> int:
         {"seed": options.seed, "kind": kind, "number": i} for kind in kinds for i in range(count)
     ]
     rows = study.run_cases(cases, solve, **harness.run_options(options), time_limit=300)
-    title = "What the data of a fit do not tell"
+    title, what = harness.about(__doc__)
     harness.require_results(options, title, rows)
     ended = [row for row in rows if row["status"] == "ok"]
     told, covered, all_told = np.sum([row["counts"] for row in ended], axis=0)
@@ -142,10 +142,8 @@ def main() -> int:
         harness.Finding(f"of {all_told} other constants, told", int(told), all_told),
         harness.Finding("share of these whose interval covers the truth", covered / told, COVERED),
     ]
-    shown = ("kind", "noise", "left open", "named, without interval", "told", "covered", "verdict")
-    table = [{key: row.get(key, row.get("cause", "")) for key in shown} for row in rows]
-    write_page(options.out, "untold", __doc__, findings, table)
-    return harness.write_report(options, title, rows, tables={"Cases": table}, findings=findings)
+    page = Path(__file__).with_suffix("")
+    return harness.write_report(options, title, rows, conclusion=what, findings=findings, page=page)
 
 
 if __name__ == "__main__":
