@@ -11,7 +11,6 @@ and 12,800 triangles of rows and about as many of Gmsh, on one thread.
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -139,27 +138,21 @@ def main() -> int:
     share = shares(SHARES[3:4] if quick else SHARES, meshes[-1] if quick else 16)
     cost = [row for n in ((20,) if quick else (40, 80)) for row in costs(n, 3 if quick else 40)]
     friction_figure.draw(options.out, share, 8 if quick else 16)
-    about, _, _ = (__doc__ or "").partition("\n\n    python")
-    title, _, what = about.partition("\n\n")
-    code = harness.write_report(
+    title, what = harness.about(__doc__)
+    parts = {"loop": loop, "release": release, "cantilever": laid, "share": share, "cost": cost}
+    return harness.write_report(
         options,
         title,
-        [],
-        conclusion=f"{what}\n\nMade by `python -m studies.evidence.bending.friction`.",
+        [{"part": part} | row for part, rows in parts.items() for row in rows],
+        conclusion=what,
         tables={
-            "Loops: relative errors": loop,
-            "Release: relative error of κ = HB/B, n distances of nodes along the strip": release,
-            "Cantilever: relative error of its deflection, m = 20": laid,
             "Cantilever: deflection over the elastic one; r = HB/B over w L²/(2B)": share,
             "Cost: least CPU time": cost,
         },
         figures=("friction",),
         findings=conclude(loop, release, laid, cost, meshes),
+        page=Path(__file__).with_suffix(""),
     )
-    if not quick:
-        for name, kept in (("report.md", "friction.md"), ("friction.png", "friction.png")):
-            shutil.copy(options.out / name, Path(__file__).parent / kept)
-    return code
 
 
 if __name__ == "__main__":

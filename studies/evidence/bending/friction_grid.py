@@ -14,7 +14,6 @@ The presets have no 2HB. So HB/B is a measured ratio of another fabric: 18.8/m o
 
 from __future__ import annotations
 
-import shutil
 import time
 import warnings
 from dataclasses import replace
@@ -134,15 +133,12 @@ def failed(row: dict) -> bool:
 
 
 def falls_table(rows: list[dict]) -> list[dict]:
-    """A row for each fabric, damping, method and step: iterations a step with each friction."""
-    keys = ("fabric", "damping", "method", "dt")
+    """A row for each fabric and method: the most iterations in one step with each friction."""
     table: dict[tuple, dict] = {}
     for row in rows:
-        key = tuple(row[k] for k in keys)
-        line = table.setdefault(key, dict(zip(keys, key, strict=True)))
-        line["dt"] = f"1/{round(1 / row['dt'])} s"
-        cell = "failed" if failed(row) else f"{row['iterations']:.1f} (≤ {row['most']})"
-        line[f"{row['solver']}, {row['friction']}"] = cell
+        key = row["fabric"], row["method"]
+        line = table.setdefault(key, dict(zip(("fabric", "method"), key, strict=True)))
+        line[row["friction"]] = max(line.get(row["friction"], 0), row["most"])
     return list(table.values())
 
 
@@ -170,8 +166,8 @@ def growth(rows: list[dict], dt: float) -> float:
     return float(with_friction / without)
 
 
-def report(options, fallen: list[dict], rested: list[dict], words: str = "") -> int:
-    """Write the report of these cases, and without --quick the page."""
+def report(options, fallen: list[dict], rested: list[dict]) -> int:
+    """Write the report of these cases."""
     rubbing = [row for row in fallen + rested if row["friction"] != "none"]
     plain = [row for row in fallen + rested if row["friction"] == "none"]
     steps = sorted({row["dt"] for row in fallen}, reverse=True)
@@ -183,22 +179,19 @@ def report(options, fallen: list[dict], rested: list[dict], words: str = "") -> 
     for dt in steps:
         what = f"iterations a step with the cotton's friction over without, 1/{round(1 / dt)} s"
         findings.append(harness.Finding(what, growth(fallen, dt)))
-    about, _, _ = (__doc__ or "").partition("\n\n    python")
-    title, _, what = about.partition("\n\n")
-    code = harness.write_report(
+    title, what = harness.about(__doc__)
+    return harness.write_report(
         options,
         title,
         fallen + rested,
-        conclusion=f"{what}{words}\n\nMade by `python -m studies.evidence.bending.friction_grid`.",
+        conclusion=what,
         tables={
-            "Falls: iterations a step, and the most in one": falls_table(fallen),
+            "Falls: the most iterations in one step": falls_table(fallen),
             "Equilibria: iterations of all load steps, and the mean sag": rests_table(rested),
         },
         findings=findings,
+        page=Path(__file__).with_suffix(""),
     )
-    if not options.quick:
-        shutil.copy(options.out / "report.md", Path(__file__).with_suffix(".md"))
-    return code
 
 
 def main() -> int:

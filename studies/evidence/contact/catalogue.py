@@ -19,7 +19,6 @@ The quick form leaves one scene of each kind soon after their impact.
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 from fecloth import study
@@ -87,7 +86,7 @@ def findings(rows: list[dict]) -> list[harness.Finding]:
 
 
 def main() -> int:
-    """Run the scenes, and keep the table of the full form."""
+    """Run the scenes, and write the report."""
     only = {"nargs": "+", "choices": tuple(KINDS), "default": [], "metavar": "KIND"}
     seed = {"type": int, "default": SEED, "metavar": "N", "help": "of the scenes (5)"}
     each = {"type": int, "default": EACH, "metavar": "N", "help": "scenes of a kind (20)"}
@@ -98,17 +97,11 @@ def main() -> int:
     harness.require_results(options, title, rows)
     groups = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS}
     table = [line(kind, group) for kind, group in groups.items() if group]
-    lost = [
-        {"kind": row["kind"], "number": row["number"], "message": row.get("message", "")}
-        for row in rows
-        if is_lost(row)
-    ]
-    tables = {"By kind": [*table, line("all", rows)]} | ({"Lost": lost} if lost else {})
-    code = harness.write_report(options, title, rows, tables=tables, findings=findings(rows))
-    if not options.quick and not options.only and options.seed == SEED:
-        for name, kept in (("report.md", "catalogue.md"), ("results.csv", "catalogue.csv")):
-            shutil.copy(options.out / name, Path(__file__).parent / kept)
-    return code
+    tables = {"By kind": [*table, line("all", rows)]}
+    page = Path(__file__).with_suffix("")
+    return harness.write_report(
+        options, title, rows, tables=tables, findings=findings(rows), page=page
+    )
 
 
 if __name__ == "__main__":

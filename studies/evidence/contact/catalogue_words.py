@@ -11,7 +11,6 @@ in time that is not known. Of the runs below 2 % at most one in ten may.
 from __future__ import annotations
 
 import math
-import shutil
 import warnings
 from pathlib import Path
 
@@ -79,7 +78,7 @@ def table(rows: list[dict]) -> list[dict]:
 
 
 def main() -> int:
-    """Run the scenes, and keep the table of the full form."""
+    """Run the scenes, and write the report."""
     seed = {"type": int, "default": SEED, "metavar": "N", "help": "of the scenes (4)"}
     each = {"type": int, "default": EACH, "metavar": "N", "help": "scenes of a kind (5)"}
     options = harness.parse_arguments(__doc__, needs=["ipctk"], seed=seed, each=each)
@@ -98,12 +97,8 @@ def main() -> int:
     findings = [harness.Finding("wrong runs that do not say so", unsaid, high=0)]
     if good["count"]:
         findings.append(harness.Finding("good runs that say so", good["say so"], high=few))
-    tables = {"By error": table(done), "All": sorted(done, key=lambda row: -row["error"])}
-    code = harness.write_report(options, title, rows, tables=tables, findings=findings)
-    if not options.quick and options.seed == SEED:
-        for name, kept in (("report.md", "words.md"), ("results.csv", "words.csv")):
-            shutil.copy(options.out / name, Path(__file__).parent / f"catalogue_{kept}")
-    return code
+    tables, page = {"By error": table(done)}, Path(__file__).with_suffix("")
+    return harness.write_report(options, title, rows, tables=tables, findings=findings, page=page)
 
 
 if __name__ == "__main__":

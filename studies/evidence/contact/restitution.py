@@ -1,18 +1,16 @@
-"""What is left of the speed of a flat cloth that hits a plane.
-
-    python -m studies.evidence.contact.restitution [--quick]
+"""What is left of the speed of a flat cloth that hits a plane?
 
 A sheet of two triangles (200 g/m²) flies onto a plane without gravity, gap 1 mm, κ = 2 kPa, at
 eight phases of the touch in the step. For each restitution, speed, step and method the table has
 the least and the largest part of the speed that is left, and by how much the total energy exceeds
 its first value at most. For e = 0 the part must be 0 … 0.05, and otherwise e ± 0.05 with BDF2 where
-steps resolve the bounce, dt ≤ gap/(50 v). The full form writes restitution.md.
+steps resolve the bounce, dt ≤ gap/(50 v).
+
+    python -m studies.evidence.contact.restitution [--quick]
 """
 
 from __future__ import annotations
 
-import inspect
-import sys
 import warnings
 from pathlib import Path
 
@@ -21,13 +19,11 @@ import numpy as np
 import fecloth as fc
 from studies import harness
 
-HERE = Path(__file__).parent
 GAP, STIFFNESS = 1e-3, 2000.0
 SPEEDS, STEPS, PARTS = (0.1, 1.0, 5.0), (1e-2, 1e-3, 1e-4), (1.0, 0.5)
 PHASES = (np.arange(8) + 0.5) / 8
 METHODS = (fc.BackwardEuler(), fc.BDF2())
 ROUND = 1e-9
-TITLE = "| e | speed [m/s] | dt | method | left, least | largest | gain of energy |"
 
 
 def bounce(method: object, v: float, dt: float, phase: float, e: float) -> tuple[float, float]:
@@ -56,40 +52,55 @@ def cases(quick: bool) -> list[tuple[float, float, float]]:
     return found + fine + coarse
 
 
-def rows(quick: bool) -> tuple[list[str], list[str]]:
-    """Return the rows of the table, and what is missed."""
-    lines, missed = [], []
+def measure(quick: bool) -> list[dict]:
+    """Return a row for each restitution, speed, step and method."""
+    rows = []
     for e, v, dt in cases(quick):
         for method in METHODS:
             runs = [bounce(method, v, dt, at, e) for at in (PHASES[::4] if quick else PHASES)]
             left, gain = zip(*runs, strict=True)
-            name = type(method).__name__
-            told = (
-                f"{1e3 * dt:.3g} ms | {name} | {min(left):.3f} | {max(left):.3f} | {max(gain):.0e}"
-            )
-            lines.append(f"| {e:g} | {v:g} | {told} |")
-            resolved = name == "BDF2" and dt <= GAP / (50 * v)
-            low, high = (0.0, 0.05) if e == 0 else (e - 0.05, e + 0.05) if resolved else (-1, 2)
-            if min(left) < low or max(left) > high or max(gain) > ROUND:
-                missed.append(lines[-1])
-    return lines, missed
+            row = {"e": e, "speed [m/s]": v, "dt [s]": dt, "method": type(method).__name__}
+            row |= {"resolved": dt <= GAP / (50 * v)}
+            rows.append(row | {"least": min(left), "largest": max(left), "gain": max(gain)})
+    return rows
+
+
+def is_missed(row: dict) -> bool:
+    """Return whether a row gains energy, or what is left is outside its range."""
+    e = row["e"]
+    resolved = row["method"] == "BDF2" and row["resolved"]
+    low, high = (0.0, 0.05) if e == 0 else (e - 0.05, e + 0.05) if resolved else (-1, 2)
+    return row["least"] < low or row["largest"] > high or row["gain"] > ROUND
+
+
+def summary(rows: list[dict]) -> list[dict]:
+    """Return the extremes over speeds and steps."""
+    keys, lines = ("e", "resolved", "method"), []
+    for of in dict.fromkeys(tuple(row[key] for key in keys) for row in rows):
+        own = [row for row in rows if tuple(row[key] for key in keys) == of]
+        least, largest = min(row["least"] for row in own), max(row["largest"] for row in own)
+        left = {"left, least": f"{least:.3f}", "largest": f"{largest:.3f}"}
+        lines.append(dict(zip(keys, of, strict=True)) | left)
+    return lines
 
 
 def main() -> int:
-    parser = harness.Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="one speed, two phases")
-    options = parser.parse_args()
+    options = harness.parse_arguments(__doc__)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fc.FeclothWarning)
-        lines, missed = rows(options.quick)
-    verdict = f"{len(missed)} of {len(lines)} rows miss their range or gain energy"
-    head = f"{TITLE}\n|{'---|' * TITLE[1:].count('|')}\n"
-    page = f"# Restitution\n\n{inspect.getdoc(sys.modules[__name__])}\n\n{head}"
-    page += "\n".join(lines) + f"\n\n{verdict}: {'missed' if missed else 'met'}.\n"
-    print(page)
-    if not options.quick:
-        (HERE / "restitution.md").write_text(page, encoding="utf-8")
-    return len(missed)
+        rows = measure(options.quick)
+    title, what = harness.about(__doc__)
+    missed = sum(map(is_missed, rows))
+    finding = harness.Finding("rows that miss their range or gain energy", missed, high=0)
+    return harness.write_report(
+        options,
+        title,
+        rows,
+        conclusion=what,
+        findings=[finding],
+        tables={"Part of the speed that is left, over all speeds and steps": summary(rows)},
+        page=Path(__file__).with_suffix(""),
+    )
 
 
 if __name__ == "__main__":

@@ -1,17 +1,14 @@
-"""Whether the stated error in time is right where a cloth hits obstacles.
-
-    python -m studies.evidence.contact.time_errors           # 40 set-ups of the seed 1, in the page
-    python -m studies.evidence.contact.time_errors --quick   # one set-up
+"""Is the stated error in time right where a cloth hits obstacles?
 
 A random sheet of about a hundred triangles falls on a plane, a ball or a box, with a random
 restitution of 0 or 1, by backward Euler or BDF2, with steps that are fixed or chosen by their
 error. The truth is the same method with fixed steps, of an eighth or of 0.2 ms, compared at eight
 times: the largest root mean square of the difference over the largest displacement.
+
+    python -m studies.evidence.contact.time_errors [--quick] [--count 40]
 """
 
-import inspect
 import math
-import sys
 import warnings
 from pathlib import Path
 
@@ -20,7 +17,6 @@ import numpy as np
 import fecloth as fc
 from studies import harness
 
-HERE = Path(__file__).parent
 COUNT, SEED, T_END, LOOKS = 40, 1, 0.08, 8
 FINER, FINEST = 8.0, 2e-4  # of fixed steps; [s] of chosen ones
 FACTOR, SHARE = 3.0, 0.8
@@ -82,31 +78,31 @@ def measure(seed: int) -> tuple[str, fc.Result, float]:
 
 
 def main() -> int:
-    """Print the table; return 1 if the share that is right is too small."""
-    parser = harness.Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="one set-up")
-    parser.add_argument("--count", type=int, default=COUNT)
-    options = parser.parse_args()
-    lines, stated, right = [], 0, 0
+    options = harness.parse_arguments(__doc__, count={"type": int, "default": COUNT})
+    rows = []
     for seed in range(1 if options.quick else options.count):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", fc.FeclothWarning)
             name, run, true = measure(seed)
-        told = run.time_error
-        known = not math.isnan(told)
-        stated += known
-        right += known and 1 / FACTOR <= told / true <= FACTOR
-        lines.append(f"| {name} | {f'{told:.2g}' if known else 'not known'} | {true:.2g} |")
-    share = right / stated if stated else 1.0
-    is_met = share >= SHARE or options.quick
-    verdict = f"{stated} of {len(lines)} are stated, {right} of them within a factor {FACTOR:g}"
-    head = "| set-up | stated | true |\n|---|---|---|\n"
-    page = f"# Errors in time of impacts\n\n{inspect.getdoc(sys.modules[__name__])}\n\n{head}"
-    page += "\n".join(lines) + f"\n\n{verdict}: {'met' if is_met else 'missed'}.\n"
-    print(page)
-    if not options.quick:
-        (HERE / "time_errors.md").write_text(page, encoding="utf-8")
-    return 0 if is_met else 1
+        rows.append({"set-up": name, "stated": run.time_error, "true": true})
+    stated = [row["stated"] / row["true"] for row in rows if not math.isnan(row["stated"])]
+    right = sum(1 / FACTOR <= ratio <= FACTOR for ratio in stated)
+    share = right / len(stated) if stated else 1.0
+    title, what = harness.about(__doc__)
+    findings = [
+        harness.Finding(f"of {len(rows)} set-ups, errors that are stated", len(stated)),
+        harness.Finding(
+            f"share of these within a factor {FACTOR:g}", share, 0.0 if options.quick else SHARE
+        ),
+    ]
+    return harness.write_report(
+        options,
+        title,
+        rows,
+        conclusion=what,
+        findings=findings,
+        page=Path(__file__).with_suffix(""),
+    )
 
 
 if __name__ == "__main__":

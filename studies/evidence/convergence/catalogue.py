@@ -2,8 +2,7 @@
 
 Membranes, plates, drums, an elastica, pressure, pendulums and waves, with every mesh pattern,
 element and method at least twice. Expected: in 95 % of the problems the exact value lies within
-value ± uncertainty, and the median of uncertainty over true error is at most 5. The table is
-written to out/catalogue; studies/evidence/convergence/catalogue.md is a copy of the full one.
+value ± uncertainty, and the median of uncertainty over true error is at most 5.
 
     python -m studies.evidence.convergence.catalogue [--quick] [--jobs N]
 """
@@ -12,14 +11,12 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
+from pathlib import Path
 
 import numpy as np
 
 import fecloth as fc
 from fecloth import study
-from fecloth.output.atomic_files import replace_file
-from fecloth.study.result import markdown_table
 from studies import harness
 from studies.evidence.convergence.known_problems import Known, motions, statics
 
@@ -58,7 +55,7 @@ def main() -> int:
     names = [name for name in problems() if not options.quick or name.startswith(QUICK)]
     cases = [{"problem": name} for name in names]
     rows = study.run_cases(cases, solve, **harness.run_options(options), time_limit=600)
-    title = "Uncertainty of refinement on problems with known solutions"
+    title, what = harness.about(__doc__)
     harness.require_results(options, title, rows)
     good = [row for row in rows if row["status"] == "ok"]
     ratios = np.array([row["ratio"] for row in good])
@@ -70,19 +67,17 @@ def main() -> int:
         harness.Finding("largest uncertainty / error", float(np.nanmax(ratios))),
         harness.Finding("problems", len(good)),
     ]
-    shown = ("problem", "exact", "error", "uncertainty", "ratio", "covered", "order", "verdict")
-    table = [{name: row.get(name) for name in shown} for row in rows]
-    words = "\n".join(f"- {finding}" for finding in findings)
-    parts = (
-        f"# {title}",
-        "`python -m studies.evidence.convergence.catalogue`",
-        words,
-        markdown_table(table),
+    verdicts = harness.count_by(good, "covered", "verdict")
+    return harness.write_report(
+        options,
+        title,
+        rows,
+        conclusion=what,
+        findings=findings,
+        tables={"Verdicts": verdicts},
+        page=Path(__file__).with_suffix(""),
     )
-    page = "\n\n".join(parts) + "\n"
-    replace_file(options.out / "catalogue.md", page.encode())
-    return harness.write_report(options, title, rows, tables={"Problems": table}, findings=findings)
 
 
 if __name__ == "__main__":
-    sys.exit(harness.run_main(main))
+    harness.run_main(main)

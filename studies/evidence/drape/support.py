@@ -13,7 +13,6 @@ there between the disks, without friction.
 
 from __future__ import annotations
 
-import shutil
 import time
 import warnings
 from pathlib import Path
@@ -154,7 +153,7 @@ def percent(value: float | None) -> str:
 
 
 def main() -> int:
-    """Run the cases, and keep the table of the full form."""
+    """Run the cases, and write the report."""
     fabric = {"nargs": "+", "choices": BENT, "metavar": "NAME", "help": "only these fabrics"}
     options = harness.parse_arguments(__doc__, fabric=fabric)
     fabrics = options.fabric or (THINNER[:1] if options.quick else BENT)
@@ -167,18 +166,15 @@ def main() -> int:
         harness.Finding("fabrics and meshes that came to rest", len(found), low=0.9 * len(rows)),
         harness.Finding("least distance from the lower disk [m]", least, low=0.0),
     ]
-    code = harness.write_report(
+    return harness.write_report(
         options,
         title,
         rows,
         tables={"Drape coefficients in %": summary(rows)},
         findings=findings,
         conclusion=NOTE,
+        page=Path(__file__).with_suffix(""),
     )
-    if not options.quick and not options.fabric:
-        for name, kept in (("report.md", "support.md"), ("results.csv", "support.csv")):
-            shutil.copy(options.out / name, Path(__file__).parent / kept)
-    return code
 
 
 if __name__ == "__main__":

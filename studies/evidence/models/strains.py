@@ -23,7 +23,6 @@ The table of a full run is in studies/evidence/models/strains.md.
 
 from __future__ import annotations
 
-import shutil
 from functools import cache
 from pathlib import Path
 
@@ -144,10 +143,8 @@ def main() -> int:
     title = "Strains of P2 where nothing bends"
     harness.require_results(options, title, rows)
     tables, findings = {"Relative errors": error_table(rows)}, conclude(rows)
-    code = harness.write_report(options, title, rows, tables=tables, findings=findings)
-    if not options.quick:
-        shutil.copy(options.out / "report.md", Path(__file__).with_suffix(".md"))
-    return code
+    page = Path(__file__).with_suffix("")
+    return harness.write_report(options, title, rows, tables=tables, findings=findings, page=page)
 
 
 if __name__ == "__main__":

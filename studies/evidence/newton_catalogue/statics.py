@@ -18,13 +18,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from scipy.sparse.linalg import splu
 
 import fecloth as fc
 from fecloth import study
-from fecloth.study.result import markdown_table
 from studies import harness
 
 ALLOWED = 1e-5  # of the largest displacement
@@ -235,19 +235,20 @@ def solve_finely(system: fc.System, end: fc.State, moved: float) -> np.ndarray:
     return x
 
 
-def table_line(row: dict) -> dict:
-    """Return the line of the table for a problem."""
-    name, *values = PROBLEMS[row["number"]]
-    head = {"problem": name, "values": ", ".join(map(str, (_short(v) for v in values)))}
-    if row["status"] != "ok" or row["failure"]:
-        return head | {"reason": row["failure"] or row["status"]}
-    figures = {key: f"{row[key]:.2g}" for key in ("moved", "stated", "error", "seconds")}
-    counts = {key: row[key] for key in ("triangles", "iterations")}
-    return head | counts | figures | {"reason": row["reason"]}
-
-
-def _short(value):
-    return f"{value:.3g}" if isinstance(value, float) else value
+def summary(rows: list[dict]) -> list[dict]:
+    """A line for each problem: how many are solved, and the extremes of those."""
+    lines = []
+    for name in dict.fromkeys(PROBLEMS[row["number"]][0] for row in rows):
+        own = [row for row in rows if PROBLEMS[row["number"]][0] == name]
+        solved = [row for row in own if row["status"] == "ok" and not row["failure"]]
+        line = {"problem": name, "cases": len(own), "solved": len(solved)}
+        line |= {
+            f"most {key}": max(row[key] for row in solved)
+            for key in ("triangles", "iterations", "error", "seconds")
+            if solved
+        }
+        lines.append(line)
+    return lines
 
 
 def is_stated(row: dict) -> bool:
@@ -266,7 +267,6 @@ def main(argv: list[str] | None = None) -> int:
     numbers = QUICK if options.quick else range(len(PROBLEMS))
     cases = [{"number": number} for number in numbers]
     rows = study.run_cases(cases, solve, **harness.run_options(options))
-    lines = [table_line(row) for row in rows]
     solved = [row for row in rows if row["status"] == "ok" and not row["failure"]]
     findings = [
         harness.Finding("problems that are not solved", len(rows) - len(solved), high=0),
@@ -283,12 +283,10 @@ def main(argv: list[str] | None = None) -> int:
             high=0,
         ),
     ]
-    code = harness.write_report(options, TITLE, rows, findings=findings)
-    quick = " --quick" * options.quick
-    command = f"Made by `python -m studies.evidence.newton_catalogue.statics{quick}`."
-    parts = [f"# {TITLE}", command, "\n".join(map("- {}".format, findings)), markdown_table(lines)]
-    (options.out / "statics.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
-    return code
+    page = Path(__file__).with_suffix("")
+    return harness.write_report(
+        options, TITLE, rows, findings=findings, tables={"By problem": summary(rows)}, page=page
+    )
 
 
 if __name__ == "__main__":

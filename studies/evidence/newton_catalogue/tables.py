@@ -15,7 +15,6 @@ from triangle to triangle. The file tables.md beside this one is the report of a
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable
 from functools import partial
@@ -161,17 +160,15 @@ def main() -> int:
         most = max(row[name] for row in priced)
         limit = 10.0 if options.quick else limit  # a quick run measures nothing
         findings.append(harness.Finding(f"{name} over that of StVK, the most", most, high=limit))
-    code = harness.write_report(
+    return harness.write_report(
         options,
         "Newton's iteration on measured curves",
         rows,
         tables={"By fabric, method and law": summary(rows), "Cost over StVK's": priced},
         findings=findings,
         conclusion="Each cell: Newton iterations a step, and the most in one step.",
+        page=Path(__file__).with_suffix(""),
     )
-    if not options.quick:
-        shutil.copy(options.out / "report.md", Path(__file__).parent / "tables.md")
-    return code
 
 
 if __name__ == "__main__":

@@ -4,8 +4,7 @@ Each set-up of `setups.py` runs once, and again with halved steps until two succ
 agree within 2 %; runs that never agree, such as chaotic folding, do not count. The error in time
 is the rms error of x weighted by mass, the largest over the frames, over the largest rms
 displacement. A run is good below 2 % and wrong above 10 %. No wrong run may
-be without a warning, and at most one good run in twenty may have one. catalogue.md and
-catalogue.csv are the table of the full form, made when both were without rigid motion.
+be without a warning, and at most one good run in twenty may have one.
 
     python -m studies.evidence.trust [--quick] [--jobs N] [--out DIR]
 """
@@ -15,7 +14,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from fecloth import study
-from fecloth.study.result import markdown_table
 from studies import harness
 from studies.evidence.trust.cases import judge
 from studies.evidence.trust.setups import SETUPS, Setup
@@ -31,7 +29,6 @@ QUICK = (
     Setup("jump", "bdf2", 0.005),
     Setup("magnet", "midpoint", 0.001),
 )
-HERE = Path(__file__).parent
 
 
 def verdict(row: dict) -> str:
@@ -44,16 +41,6 @@ def verdict(row: dict) -> str:
         return "failed"
     kind = "good" if row["error"] < GOOD else "wrong" if row["error"] > WRONG else "between"
     return f"{kind}, {'warned' if row['warned'] else 'silent'}"
-
-
-def table_line(row: dict) -> dict:
-    """Return the line of the catalogue's table."""
-    percent = ("error", "reported")
-    numbers = {key: f"{100 * row[key]:.2g} %" if key in row else "" for key in percent}
-    dt = "" if row["dt"] is None else f"{1000 * row['dt']:g} ms"
-    head = {"motion": row["motion"], "frame": row["frame"], "method": row["method"], "dt": dt}
-    words = row.get("warnings", row["cause"])
-    return head | numbers | {"verdict": verdict(row), "warnings": words[:150]}
 
 
 def findings_of(rows: list[dict], enough: int) -> list[harness.Finding]:
@@ -81,18 +68,17 @@ def main(argv: list[str] | None = None) -> int:
     most = QUICK_MOST if options.quick else MOST
     cases = [one.settings | {"most": most} for one in setups]
     rows = study.run_cases(cases, judge, **harness.run_options(options), time_limit=120.0)
-    lines = [table_line(row) for row in rows]
-    options.out.mkdir(parents=True, exist_ok=True)
-    study.write_csv(lines, options.out / "catalogue.csv")
-    findings = findings_of(rows, 1 if options.quick else ENOUGH)
-    command = f"python -m studies.evidence.trust{' --quick' if options.quick else ''}"
-    head = f"# Catalogue\n\nMade by `{command}`."
-    numbers = "\n".join(f"- {one}" for one in findings)
-    text = "\n\n".join([head, numbers, markdown_table(lines)])
-    (options.out / "catalogue.md").write_text(text + "\n", encoding="utf-8")
-    tables = {"Catalogue": lines}
+    title, what = harness.about(__doc__)
+    lines = [row | {"verdict": verdict(row)} for row in rows]
     return harness.write_report(
-        options, "Trust", rows, tables=tables, findings=findings, results=("time limit",)
+        options,
+        title,
+        lines,
+        conclusion=what,
+        tables={"Runs": harness.count_by(lines, "motion", "verdict")},
+        findings=findings_of(rows, 1 if options.quick else ENOUGH),
+        results=("time limit",),
+        page=Path(__file__).with_name("catalogue"),
     )
 
 
