@@ -201,7 +201,7 @@ def write_report(
         shown.append(f"Settings: {_list_values(settings)}.")
 
     def text(name: str, listed: str, ran: str) -> bytes:
-        made = f"`{_command_line()}`; the file `{name}.csv` has a row for each case."
+        made = f"`{_command_line()}`, each case in `{name}.csv`."
         parts = [f"# {title}", first, made, conclusion, listed, *shown, ran]
         return ("\n\n".join(part for part in parts if part) + "\n").encode()
 

@@ -38,7 +38,7 @@ def test_a_report_holds_findings_tables_settings_and_versions(tmp_path, capsys):
         "error: 0.3 <= 0.1: MISSED",
         "![errors](errors.png)",
         "| A | 1.023 |",
-        "`results.csv` has a row for each case",
+        "each case in `results.csv`.",
         "Settings: h 0.1.",
         f", numpy {np.__version__}, ",
         ", python ",
@@ -70,7 +70,8 @@ def test_the_page_beside_a_study_is_written_on_demand(tmp_path, monkeypatch):
     assert not list(page.parent.iterdir())
     harness.write_report(parse(tmp_path, "--write"), "Two", rows_of_two(), page=page, **keywords)
     assert (
-        "`python mine.py --jobs 2`; the file `errors.csv`" in (page.with_suffix(".md")).read_text()
+        "`python mine.py --jobs 2`, each case in `errors.csv`"
+        in (page.with_suffix(".md")).read_text()
     )
     assert "![errors](errors.png)" in page.with_suffix(".md").read_text()
     assert (page.parent / "errors.png").read_bytes() == b"a picture"

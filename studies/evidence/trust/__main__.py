@@ -75,7 +75,7 @@ def main(argv: list[str] | None = None) -> int:
         title,
         lines,
         conclusion=what,
-        tables={"Runs": harness.count_by(lines, "motion", "verdict")},
+        tables={"Runs": harness.count_by(lines, "method", "verdict")},
         findings=findings_of(rows, 1 if options.quick else ENOUGH),
         results=("time limit",),
         page=Path(__file__).with_name("catalogue"),
