@@ -70,7 +70,7 @@ def run_here(monkeypatch, capsys):
         ("laws", "10 pictures"),
         ("lecture", "0 checks failed"),
         ("evidence.laws.wang", "27 strips of 9 fabrics"),
-        ("contact", "drum against a plate: |error| on the finest mesh, %: 0.3987 <= 1: met"),
+        ("contact", "drum against a plate: |error| on the finest mesh, %: 0.398"),
         ("evidence.contact.drop", "| BDF2 | 162 | 30 |"),
         ("evidence.contact.restitution", "or gain energy: 0 <= 0: met"),
         ("evidence.contact.time_errors", "share of these within a factor 3: 1 >= 0: met"),
