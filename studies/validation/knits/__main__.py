@@ -328,7 +328,7 @@ its Poisson's ratio is not 0.35 ± 0.2, or the law is wrong; a fit that may use 
 **Garter with the constants of stockinette** is wrong: its forces at {last} are {times} the
 measured ones. Constants do not go over to another stitch of the same yarn.
 **Missing:** curves in place of constants (`MembraneTable`), for the J; a measured Poisson's ratio;
-strips at 45° for the shear stiffness; that a repeat begins where the one before it left off."""
+strips at 45° for the shear stiffness; that a repeat begins where the repeat before it ended."""
 
 
 if __name__ == "__main__":
