@@ -4,10 +4,13 @@ import argparse
 import math
 import os
 import platform
+import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager
 from dataclasses import dataclass
@@ -33,6 +36,7 @@ from fecloth.study.result import Row, markdown_table, write_csv
 from fecloth.study.status import OK
 
 NAMED = 10  # failed cases that are named first
+LISTED = 12  # findings of a page that are listed, not counted
 
 
 class Parser(argparse.ArgumentParser):
@@ -67,7 +71,7 @@ def exit_status(main: Callable[[], int | None]) -> int:
 def parse_arguments(
     description: str, argv: list[str] | None = None, needs: Sequence[str] = (), **more: dict
 ) -> argparse.Namespace:
-    """Parse --out, --quick, --jobs, --scheduler, --fresh.
+    """Parse --out, --quick, --jobs, --scheduler, --fresh, --write.
 
     Raises `InputError` for an invalid option, or a package that is not installed.
 
@@ -96,6 +100,7 @@ def _make_parser(description: str, more: dict[str, dict]) -> Parser:
     add("--jobs", type=int, default=1, metavar="N", help="processes, one thread each")
     add("--scheduler", metavar="ADDRESS", help="Dask scheduler that runs the cases")
     add("--fresh", action="store_true", help="run every case again")
+    add("--write", action="store_true", help="write the page beside the study anew")
     for option, keywords in more.items():
         add(f"--{option.replace('_', '-')}", **keywords)
     return parser
@@ -153,6 +158,7 @@ def write_report(
     conclusion: str = "",
     settings: Mapping[str, object] | None = None,
     results: Sequence[str] = (),
+    page: Path | None = None,
 ) -> int:
     """Write OUT/results.csv and OUT/report.md; print failed cases, conclusion and findings.
 
@@ -162,20 +168,23 @@ def write_report(
     Parameters
     ----------
     options
-        Result of `parse_arguments`.
+        Result of `parse_arguments`. With --write the report, the rows and the figures become the
+        `page`.
     rows
-        Rows of all cases.
+        Rows of all cases. They stand in the CSV file only.
     tables
-        Heading and rows of each table; a table of the failed rows follows them.
+        Heading and rows of each table: a summary of the rows that fits on a screen.
     figures
         File names without suffix.
     conclusion
         Text before the findings.
     settings
-        Settings that all cases share; the options follow them.
+        Settings that all cases share.
     results
         Statuses of failures that are results of this study, such as "failed" where it tries
         steps that are too large.
+    page
+        The page beside the study, without suffix: its table is the .csv file of the same name.
     """
     write_csv(rows, options.out / "results.csv")
     failed = [row for row in rows if row.get("status", OK) != OK]
@@ -183,21 +192,68 @@ def write_report(
         conclusion, findings, figures, tables, results = "", (), (), {}, ()
     missing = [row for row in failed if row["status"] not in results]
     first = list_failures(missing, len(rows))
-    said = [conclusion, _bullet_list(findings)]
-    parts = [f"# {title}", first, *said, *(f"![{name}]({name}.png)" for name in figures)]
-    parts += [
+    listed = _bullet_list(findings)
+    shown = [f"![{name}]({name}.png)" for name in figures]
+    shown += [
         f"## {heading}\n\n{markdown_table(table)}" for heading, table in (tables or {}).items()
     ]
-    if failed:
-        parts.append(f"## Cases that failed\n\n{markdown_table(list(map(_shorten, failed)))}")
-    shared = {**(settings or {}), **vars(options)}
-    for heading, what in (("Settings", shared), ("Ran on", hardware())):
-        parts.append(f"## {heading}\n\n{_bullet_list([f'{k}: {v}' for k, v in what.items()])}")
-    text = "\n\n".join(part for part in parts if part) + "\n"
-    replace_file(options.out / "report.md", text.encode())
-    print("\n".join(part for part in (first, *said) if part))
+    if settings:
+        shown.append(f"Settings: {_list_values(settings)}.")
+
+    def text(name: str, listed: str, ran: str) -> bytes:
+        made = f"`{_command_line()}`, each case in `{name}.csv`."
+        parts = [f"# {title}", first, made, conclusion, listed, *shown, ran]
+        return ("\n\n".join(part for part in parts if part) + "\n").encode()
+
+    machine = hardware()
+    ran = f"Ran on: {_list_values(machine)}."
+    replace_file(options.out / "report.md", text("results", listed, ran))
+    if page and options.write:
+        few = _bullet_list(_summarise(findings))
+        ran = f"Commit {machine['commit']}."
+        replace_file(page.with_suffix(".md"), text(page.name, few, ran))
+        write_csv(rows, page.with_suffix(".csv"))
+        for name in figures:
+            shutil.copy(options.out / f"{name}.png", page.parent)
+    print("\n".join(part for part in (first, conclusion, listed) if part))
     print(f"wrote {options.out / 'report.md'}")
     return FAILED if missing else 0 if all(finding.is_met for finding in findings) else MISSED
+
+
+def _summarise(findings: Sequence[Finding]) -> list[object]:
+    """Return a few findings as they are; of many the missed ones, and how many are met."""
+    if len(findings) <= LISTED:
+        return list(findings)
+    missed = [finding for finding in findings if not finding.is_met]
+    return [*missed, f"{len(findings) - len(missed)} of {len(findings)} findings are met"]
+
+
+def about(docstring: str | None) -> tuple[str, str]:
+    """Return the question of a study, and what it does: its docstring up to the command."""
+    question, _, what = (docstring or "").partition("\n    python")[0].strip().partition("\n\n")
+    return question, what.strip()
+
+
+def count_by(rows: Sequence[Row], column: str, verdicts: str) -> list[dict[str, object]]:
+    """Return a table: a row for each value of `column`, how often it has each of the `verdicts`."""
+    counts = Counter((row[column], row[verdicts]) for row in rows)
+    names = sorted({verdict for _, verdict in counts})
+    values = dict.fromkeys(row[column] for row in rows)
+    return [
+        {column: value, **{name: counts[value, name] or "" for name in names}} for value in values
+    ]
+
+
+def _command_line() -> str:
+    """Return the command that runs this study, with its options."""
+    spec = sys.modules["__main__"].__spec__
+    program = ["-m", spec.name.removesuffix(".__main__")] if spec else sys.argv[:1]
+    options = [option for option in sys.argv[1:] if option != "--write"]
+    return shlex.join(["python", *program, *options])
+
+
+def _list_values(named: Mapping[str, object]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in named.items())
 
 
 def require_results(options: argparse.Namespace, title: str, rows: Sequence[Row]) -> None:
@@ -226,12 +282,6 @@ def list_failures(failed: Sequence[Row], count: int) -> str:
 
 def _bullet_list(items: Sequence[object]) -> str:
     return "\n".join(f"- {item}" for item in items)
-
-
-def _shorten(row: Row) -> Row:
-    """Return a failed row without lists, and with only the first line of its cause."""
-    cells = {key: value for key, value in row.items() if not isinstance(value, list | dict)}
-    return cells | {"cause": _first_line(row.get("cause"))}
 
 
 def _first_line(cause: object) -> str:

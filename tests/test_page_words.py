@@ -8,9 +8,10 @@ from support.lecture import markdown
 from support.pages import GENERATED, NAMES, ROOT
 
 LIMIT = 35_000
-# the changelog; the page that `python -m studies.laws` makes of the docstrings; and the paper,
-# which is no page of the documentation and whose length tests/test_wheel.py checks
-NOT_COUNTED = ("CHANGELOG.md", "studies/laws/laws.md", ".github/paper/paper.md")
+LIMIT_OF_ALL = 60_000  # words of all Markdown, with tables and what is generated
+# the changelog; and the paper, which is no page of the documentation and whose length
+# tests/test_wheel.py checks
+NOT_COUNTED = ("CHANGELOG.md", ".github/paper/paper.md")
 BY_HAND = [
     *(name for name in NAMES if "CHANGELOG" not in name),
     *(f"fecloth/{name}/README.md" for name in ("distributed", "terms/bending", "terms/contact")),
@@ -18,11 +19,17 @@ BY_HAND = [
 ]
 
 
+def tracked(*patterns: str) -> list[str]:
+    """Names of the files in the repository that match a pattern."""
+    command = ["git", "ls-files", *patterns]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return listed.split()
+
+
 def pages() -> list[str]:
     """Names of all pages in the repository that are counted, also in `docs` and the lecture."""
-    command = ["git", "ls-files", "*.md", "*.rst", "studies/lecture/[0-9]*.py"]
-    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    return [name for name in listed.split() if name not in NOT_COUNTED]
+    listed = tracked("*.md", "*.rst", "studies/lecture/[0-9]*.py")
+    return [name for name in listed if name not in NOT_COUNTED]
 
 
 def words(name: str) -> int:
@@ -40,6 +47,13 @@ def test_all_pages_have_at_most_so_many_words():
     counts = {name: words(name) for name in pages()}
     assert set(BY_HAND) <= counts.keys()
     assert sum(counts.values()) <= LIMIT, dict(sorted(counts.items(), key=lambda item: -item[1]))
+
+
+def test_all_markdown_together_has_at_most_so_many_words():
+    counts = {
+        name: len((ROOT / name).read_text(encoding="utf-8").split()) for name in tracked("*.md")
+    }
+    assert sum(counts.values()) <= LIMIT_OF_ALL, sorted(counts.items(), key=lambda item: -item[1])
 
 
 @pytest.mark.parametrize("name", [*BY_HAND, *(n for n in pages() if n.endswith(".rst"))])

@@ -39,7 +39,7 @@ class EnergyMomentum(StageMethod):
     linear and angular momentum where no load is fixed in space, to the Newton tolerance, at
     any step. What a step does not resolve is wrong nevertheless, in phase and shape, and is
     not damped away: where a cloth crumples at long steps, Newton takes 2 to 7 times the CPU
-    time of `BackwardEuler`, or fails (`hanging` in studies/newton_catalogue).
+    time of `BackwardEuler`, or fails (`hanging` in studies/evidence/newton_catalogue).
 
     Source: Simo and Tarnow (1992), The Discrete Energy–Momentum Method, ZAMP 43; Gonzalez
     (1996), Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6.

@@ -13,7 +13,7 @@ more than a factor of 2, all averages begin anew. Where the pattern of the matri
 with contact, the work of its analysis is added, in proportion to how often it changed lately.
 
 Work is counted in iterations of `PCG` and not in seconds, so that a run repeats bit for bit.
-`studies.benchmarks.auto_solver` compares whole runs with those of the best solver.
+`studies.evidence.benchmarks.auto_solver` compares whole runs with those of the best solver.
 """
 
 import math

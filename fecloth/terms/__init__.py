@@ -1,9 +1,9 @@
 """Contributions to the force balance, one file per family.
 
 A user writes a frozen description with the parameters of the term. Its docstring gives the
-formula, then a paragraph that begins with "Source:" and one that begins with "Valid". The page
-studies/laws/laws.md is made of these docstrings. `terms.protocol` says what the description and
-the bound term offer. `TRAITS` says what kind of term each is, by its name.
+formula, then a paragraph that begins with "Source:" and one that begins with "Valid".
+`terms.protocol` says what the description and the bound term offer. `TRAITS` says what kind of term
+each is, by its name.
 
 Often less code is enough: `Condition` is for an energy ½ k C² of some nodes, `UserForce` for a
 force on each node by itself, and `MembraneLaw` for a membrane. studies/examples has a term and

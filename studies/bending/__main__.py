@@ -8,27 +8,24 @@ nodes: h is their distance, on graded meshes the longest, and the triangles of P
 Hinges have no clamp: two rows of nodes are held, and the cloth begins half-way between them. On
 graded meshes their clamped problems are left out. A disk has no "right" and no "cross" pattern.
 
-The second part has two fabrics, 10 : 1, whose seam is a zigzag. errors.md and errors.csv are the
-tables of the full form.
+The second part has two fabrics, 10 : 1, whose seam is a zigzag.
 
     python -m studies.bending [--quick] [--jobs N] [--out DIR]
 """
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from fecloth import study
-from fecloth.study.result import markdown_table
 from studies import harness
 from studies.bending import figure
 from studies.bending.cases import MODELS, PROBLEMS, run
 from studies.bending.findings import (
-    EXACT,
     HINGES,
     Rows,
     conclude,
     conclude_seams,
-    order,
-    patterns_of,
     seam_errors,
     select,
 )
@@ -70,17 +67,15 @@ def list_seams(quick: bool) -> Rows:
     ]
 
 
-def error_table(rows: Rows) -> Rows:
-    """Return a line with all errors and the last order for each problem, model and pattern."""
+def spread(rows: Rows, n: int) -> Rows:
+    """Return the least and the largest error over the patterns, of each problem and model."""
     lines = []
     for problem in PROBLEMS:
+        line = {"problem": problem}
         for model in MODELS:
-            for pattern in patterns_of(rows, problem=problem, model=model):
-                line = {"problem": problem, "model": model, "pattern": pattern}
-                group = select(rows, **line)
-                errors = {f"n = {row['n']}": float(f"{row['error']:.4g}") for row in group}
-                last = None if problem == EXACT else round(order(group), 2)
-                lines.append(line | errors | {"order": last})
+            errors = [row["error"] for row in select(rows, problem=problem, model=model, n=n)]
+            line[model] = f"{min(errors):.2g} … {max(errors):.2g}"
+        lines.append(line)
     return lines
 
 
@@ -92,19 +87,20 @@ def main(argv: list[str] | None = None) -> int:
     seams = study.run_cases(list_seams(options.quick), run_seam, **running, time_limit=120)
     harness.require_results(options, TITLE, rows)
     figure.draw(options.out, rows)
-    tables = {"Relative errors": error_table(rows), "A zigzag seam": seam_errors(seams)}
-    study.write_csv(tables["Relative errors"], options.out / "errors.csv")
-    command = f"python -m studies.bending{' --quick' if options.quick else ''}"
-    parts = [f"## {heading}\n\n{markdown_table(lines)}" for heading, lines in tables.items()]
-    text = "\n\n".join([f"# {TITLE}", f"Made by `{command}`.", *parts])
-    (options.out / "errors.md").write_text(text + "\n", encoding="utf-8")
+    n, seam_lines = 16 if options.quick else 32, seam_errors(seams)
+    finest = max(line["n"] for line in seam_lines)
+    tables = {
+        f"Relative errors over all patterns, n = {n}": spread(rows, n),
+        "Seams, finest mesh": [line for line in seam_lines if line["n"] == finest],
+    }
     return harness.write_report(
         options,
         TITLE,
         rows + seams,
         tables=tables,
         figures=("bending",),
-        findings=conclude(rows) + conclude_seams(seam_errors(seams)),
+        findings=conclude(rows) + conclude_seams(seam_lines),
+        page=Path(__file__).with_name("errors"),
     )
 
 

@@ -17,6 +17,7 @@ import contextlib
 import io
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,6 @@ import fecloth as fc
 from fecloth.study.budgeting.budget import Work
 from studies import harness
 from studies.budget.specimens import ROUGH, SMOOTH, Specimen
-from studies.fit.pages import write_page
 
 SAMPLES, EXPERIMENTS = 2000, 100
 CLOSE, COVERED = 0.05, 0.92  # of the samples; of the experiments
@@ -129,9 +129,16 @@ def main() -> int:
         harness.Finding(f"of {count} experiments, share that agrees", agreed, COVERED),
         harness.Finding(f"of {count} wrong laws, share that is called wrong", caught, COVERED),
     ]  # fmt: skip
-    write_page(options.out, "budget", __doc__, findings, smooth, sharp, trials, cases=trials)
-    tables = {"First order": smooth, "Rough": sharp, "Experiments": trials}
-    return harness.write_report(options, "Budgets", trials, tables=tables, findings=findings)
+    title, what = harness.about(__doc__)
+    return harness.write_report(
+        options,
+        title,
+        trials,
+        conclusion=what,
+        findings=findings,
+        tables={"First order": smooth, "Rough": sharp},
+        page=Path(__file__).with_name("budget"),
+    )
 
 
 if __name__ == "__main__":

@@ -107,9 +107,10 @@ def main() -> int:
 
 
 def draw(rows: Sequence[dict[str, Any]]) -> None:
-    """Write the charts and table.md, whose first table has the finest mesh of each engine."""
+    """Write the charts and table.md, which has the finest mesh of each engine."""
     write_report(HERE, list(rows))
     text = (HERE / "table.md").read_text(encoding="utf-8")
+    said = [line for line in text.splitlines() if line.startswith("- ")]
     engines = list(dict.fromkeys(row["adapter"] for row in rows))
     lines = []
     for case, said in CASES.items():
@@ -121,10 +122,10 @@ def draw(rows: Sequence[dict[str, Any]]) -> None:
     head = (
         "# Errors and CPU seconds of each engine on each case\n\n"
         "Made by `python -m studies.engines`. "
-        "Errors are parts of the scale of the known value, as its standard uncertainty is. First "
-        "the finest mesh: error (CPU seconds).\n\n"
+        "Errors are parts of the scale of the known value, as its standard uncertainty is. "
+        "Error (CPU seconds) on the finest mesh; all meshes in `results.jsonl`.\n\n"
     )
-    parts = [head + markdown_table(lines), "What the engines are, and all meshes:", text]
+    parts = [head + markdown_table(lines), "What the engines are:", "\n".join(said) + "\n"]
     (HERE / "table.md").write_text("\n\n".join(parts), encoding="utf-8")
 
 

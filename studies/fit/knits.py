@@ -17,15 +17,16 @@ import math
 import re
 import time
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 import fecloth as fc
 from fecloth.simulation.load_steps import LoadSteps
 from studies import harness
-from studies.fit.pages import DATA, write_page
 from studies.fit.specimens import rectangle
 from studies.fit.twins import fit_quietly
+from studies.validation.pages import DATA
 
 KNITS = "stockinette", "garter"
 PARTS = 0.1, 0.25, math.inf  # of the clamps' first distance
@@ -115,14 +116,11 @@ def main() -> int:
     knits, parts, cells, steps = KNITS, PARTS, CELLS, STEPS
     if options.quick:
         knits, parts, cells, steps = ("stockinette",), (math.inf,), 3, 3
-    rows, words = [], []
+    rows = []
     for knit in knits:
         for part in parts:
             row, answer = fit_knit(knit, part, cells, steps)
             rows.append(row)
-            words += [
-                f"**{knit}, up to {row['up to']}**: " + "; ".join(answer.verdict.splitlines())
-            ]
             answer.report(options.out / f"{knit}_{row['up to'].split()[0]}")
     whole = [row for row in rows if row["up to"] == "the end"]
     findings = [
@@ -132,9 +130,16 @@ def main() -> int:
             len(whole),
         )
     ]
-    title = "Constants of two knits"
-    write_page(options.out, "knits", __doc__, findings, rows, words="\n\n".join(words))
-    return harness.write_report(options, title, rows, findings=findings)
+    title, what = harness.about(__doc__)
+    return harness.write_report(
+        options,
+        title,
+        rows,
+        conclusion=what,
+        findings=findings,
+        tables={"Fits": rows},
+        page=Path(__file__).with_suffix(""),
+    )
 
 
 if __name__ == "__main__":

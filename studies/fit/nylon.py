@@ -16,13 +16,14 @@ import math
 import time
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 import fecloth as fc
 from fecloth.simulation.load_steps import LoadSteps
 from studies import harness
-from studies.fit.pages import DATA, write_page
 from studies.fit.specimens import rectangle
 from studies.fit.twins import fit_quietly
+from studies.validation.pages import DATA
 
 GAUGE, WIDTH, REACH = 0.097, 0.027, 6e-3  # [m]
 ANGLES, FITTED = (0, 30, 45, 75, 90), (0, 45, 90)
@@ -94,7 +95,7 @@ def main() -> int:
         ),
         harness.Finding("CPU seconds of this fit", seconds, high=CPU),
     ]
-    table, words = [line("0, 45 and 90°", three)], ""
+    table = [line("0, 45 and 90°", three)]
     if not options.quick:
         begins = {name: round(value, 1) for name, value in three.values.items()}
         predicted = fit_to(FITTED, begins, shown, steps)
@@ -113,14 +114,18 @@ def main() -> int:
             harness.Finding("all five: the law is wrong (1: said)", int(says), 1),
             harness.Finding("all five: constants without an interval", without, 3),
         ]
-        words = "All five angles:\n\n" + "\n".join(
-            f"- {text}" for text in five.verdict.splitlines()
-        )
         five.report(options.out / "five")
         three.report(options.out / "three")
-    title = "Constants of a bonded nylon textile"
-    write_page(options.out, "nylon", __doc__, findings, table, words=words)
-    return harness.write_report(options, title, table, findings=findings)
+    title, what = harness.about(__doc__)
+    return harness.write_report(
+        options,
+        title,
+        table,
+        conclusion=what,
+        findings=findings,
+        tables={"Fits": table},
+        page=Path(__file__).with_suffix(""),
+    )
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import math
 import time
 import warnings
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,14 +28,12 @@ import fecloth as fc
 from fecloth import study
 from studies import harness
 from studies.fit import draws
-from studies.fit.pages import write_page
 
 COVERED = 0.9  # of the twins, for each constant by itself
 NOISE = 0.01, 0.05
 QUICK_TESTS = "hang", "pull 0"
 QUICK_CONSTANTS = "warp", "bending"
 KEYS = "truth", "half", "covered", "off", "shift"  # of a constant, for its line
-HIDDEN = "seed", "tests", "constants", "seconds", "cpu_seconds", "status", "cause"
 
 
 def solve(seed: int, number: int, tests: list[str], constants: list[str]) -> dict[str, Any]:
@@ -105,7 +104,7 @@ def main() -> int:
 
 def conclude(options: argparse.Namespace, rows: list[dict], constants: Sequence[str]) -> int:
     """Write the page and the report of some twins; return the exit status."""
-    title = "Coverage of the 95 % intervals of a fit"
+    title, what = harness.about(__doc__)
     harness.require_results(options, title, rows)
     ended = [row for row in rows if row["status"] == "ok"]
     table = [summarise(name, ended) for name in constants]
@@ -124,10 +123,14 @@ def conclude(options: argparse.Namespace, rows: list[dict], constants: Sequence[
         harness.Finding("median CPU seconds of a fit", float(np.median(seconds))),
         harness.Finding("CPU minutes of all fits", math.fsum(seconds) / 60),
     ]
-    kept = [{key: row[key] for key in row if key not in HIDDEN} for row in rows]
-    write_page(options.out, "twins", __doc__, findings, table, cases=kept)
     return harness.write_report(
-        options, title, rows, tables={"Constants": table}, findings=findings
+        options,
+        title,
+        rows,
+        conclusion=what,
+        findings=findings,
+        tables={"Constants": table},
+        page=Path(__file__).with_suffix(""),
     )
 
 

@@ -1,138 +1,92 @@
-"""Write the page of the laws, with formula, validity and picture of each: python -m studies.laws
+"""Write the page of the curves that the laws give: python -m studies.laws
 
-The text comes from the docstrings of the classes; curves.py computes the pictures and the numbers
-below them. The files laws.md, laws.png and pictures/NAME.png go into studies/laws, or into the
-folder of --out. --quick computes few points, into out/laws.
+curves.py computes the pictures and the numbers. The files laws.md, laws.png and pictures/NAME.png
+go into studies/laws, or into the folder of --out. --quick computes few points, into out/laws.
 """
 
 from __future__ import annotations
 
-import inspect
-import re
 from pathlib import Path
 
 import numpy as np
 
-import fecloth as fc
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.laws import curves as law_curves
 from studies.laws import figures
 from studies.laws.curves import NU, SPEED, Y
 
 HERE = Path(__file__).parent
-FAMILIES = {
-    "Membranes": (
-        *("StVK", "TensorCondition", "NeoHookean", "TensionField", "MembraneTable"),
-        "BaraffWitkin",
-    ),
-    "Springs and conditions": ("Springs", "Tether", "Condition"),
-    "Bending": ("PlateBending", "HingeBending", "QuadraticBending", "BendingFriction"),
-    "Damping": ("StrainRateDamping", "BendingDamping", "MassDamping"),
-    "Loads": ("Gravity", "Pressure", "Gas", "Drag", "Wind", "PointForce", "UserForce"),
-    "Contact": ("Obstacle", "MeshObstacle", "SelfContact"),
-    "Constraints": ("Pin", "Slide"),
-}
 G = Y / (2 * (1 + NU))
-HEAD = f"""# The laws
+HEAD = f"""# The laws in curves
 
-One section for each term, written by `python -m studies.laws` from its docstring: formula, source,
-validity, cost, parameters. [Symbols and units](../../README.md#symbols-units-signs) are as in
-the README; costs in time are relative to `StVK`.
-
-The pictures of membranes and springs have the same axes. All laws represent one fabric, Y =
-{Y:g} N/m and ν = {NU:g} (G = {G:.0f} N/m); the straight lines Y (λ − 1) and G γ are drawn for
-comparison. Left: the force per unstretched width along the warp at the stretch λ, with free sides.
-Its width and its shear are computed such that there is no stress across. Right: simple shear by γ
-at constant width and length. The curves come from the term's own forces on a patch under one
-uniform deformation, without a border. They do not show that a compressed sheet would buckle. The
-orthotropic fabric has half of Y along the weft and G = {0.1 * Y:g} N/m. In bending, the cloth is
-rolled up along X and its triangles keep their shape: κh is the angle between neighbouring cells.
+After this page you know the force of each law, stretched, compressed, sheared and bent. The command
+`python -m studies.laws` computes it from the terms' own forces, on a patch under one uniform
+deformation, without a border. Formula, source, validity and cost are in `help(fc.StVK)` and so on.
 
 ![All laws on two axes](laws.png)
 
-*The straight lines are dotted. `NeoHookean` is incompressible; `Springs` are the edges of an
-equilateral mesh. In tension `Springs` and `BaraffWitkin` lie on the straight line, and
-`TensorCondition` and `TensionField` lie on `StVK`.*
-"""
-ROLLED = """The cloth is rolled up without twist. A cloth with free sides has a smaller or larger
-stiffness: see the table of [HingeBending](#hingebending)."""
-NOTES = {  # explanations below the pictures
-    "StVK": """Simple shear along one direction stretches the other one by E = γ²/2, and the stress
-is G γ + C γ³/2. C is C₂₂ for shear along the warp and C₁₁ for shear along the weft. The latter
-curve is steeper, because the stiffer warp is stretched. The dotted lines belong to the isotropic
-fabric.""",
-    "HingeBending": ROLLED,
-    "QuadraticBending": ROLLED,
-}
+*One fabric, Y = {Y:g} N/m and ν = {NU:g} (G = {G:.0f} N/m), through all laws. `NeoHookean` is
+incompressible, `Springs` are the edges of an equilateral mesh. Dotted: Y (λ − 1) and G γ.*"""
+MEMBRANES = f"""## Membranes and springs
 
+Force per unstretched width along the warp at the stretch λ, with free sides; simple shear by γ at
+constant width and length; "×" is the secant over the tangent at rest. A compressed sheet would
+buckle, which these numbers do not show. The orthotropic fabric has half of Y along the weft and
+G = {0.1 * Y:g} N/m."""
+BENDING = """## Bending
 
-def markdown(name: str) -> str:
-    """Return a class's docstring as Markdown: paragraphs, formulas as code, a parameter list."""
-    text = inspect.getdoc(getattr(fc, name))
-    body, _, rest = text.partition("\nParameters\n----------\n")
-    body = re.split(r"\n\w+\n-{5,}\n", body)[0]
-    lines = [format_block(block) for block in re.split(r"\n\s*\n(?=\S)", body.strip())]
-    parameters = re.split(r"\n\n\w+\n-{5,}\n", rest)[0]
-    for item in re.findall(r"^(\S.*)\n((?:(?: {4}.*)?(?:\n|$))+)", parameters, re.M):
-        names = ", ".join(f"`{n}`" for n in item[0].split(", "))
-        lines.append(f"- {names}: " + " ".join(item[1].split()))
-    return re.sub(r"\n\n(?=- `)", "\n", "\n\n".join(lines)).replace("\n- `", "\n\n- `", 1)
-
-
-def format_block(block: str) -> str:
-    """Return a paragraph with its indented part as a code block; Source and Valid are bold."""
-    block = re.sub(r"^(Source:|Valid|Cost)", r"**\1**", block)
-    plain, code = re.match(r"(.*?)((?:\n\n? {4}.*(?:\n\s*\n(?= {4}))?)*)\Z", block, re.S).groups()
-    return block if not code else f"{plain.rstrip()}\n\n```\n{inspect.cleandoc(code)}\n```"
+The cloth is rolled up along X, without twist, and its triangles keep their shape: κh is the angle
+between neighbouring cells. Cloth with free sides has another stiffness: `help(fc.HingeBending)`."""
 
 
 def page(curves: dict, moments: dict) -> str:
-    """Return the whole page, from the docstrings and the curves."""
-    parts = [HEAD]
-    for family, names in FAMILIES.items():
-        links = " · ".join(f"[{name}](#{name.lower()})" for name in names)
-        parts.append(f"## {family}\n\n{links}\n")
-        parts += [section(name, curves, moments) for name in names]
-    text = re.sub(r"\n{3,}", "\n\n", "\n".join(parts)).rstrip() + "\n"
-    return re.sub(r"(?<![\w-])-(?=\d)", "−", text)
+    """Return the whole page."""
+    drawn = "BendingFriction", "Drag"
+    pictures = {name: f"![{name}](pictures/{name}.png)" for name in (*curves, *moments, *drawn)}
+    membranes = [
+        {"law": f"{name}, {curve.label}", **describe(curve)}
+        for name, own in curves.items()
+        for curve in own
+    ]
+    bent = [
+        f"- `{name}`, {pattern}: {describe_bending(M)}"
+        for name, own in moments.items()
+        for pattern, M in own.items()
+    ]
+    loops = [f"- `BendingFriction`, m = {m:g}: {describe_loop(m)}" for m in figures.SLIDERS]
+    parts = [
+        *(HEAD, MEMBRANES, markdown_table(membranes), *(pictures[name] for name in curves)),
+        *(BENDING, "\n".join([*bent, *loops])),
+        *(pictures[name] for name in (*moments, "BendingFriction")),
+        *("## Drag", describe_drag(), pictures["Drag"]),
+    ]
+    return "\n\n".join(parts) + "\n"
 
 
-def section(name: str, curves: dict, moments: dict) -> str:
-    """Return the section of one term."""
-    lines = []
-    if name in curves:
-        lines = [f"- {describe(curve)}" for curve in curves[name]]
-    elif name in moments:
-        lines = [f"- {describe_bending(pattern, M)}" for pattern, M in moments[name].items()]
-    elif name == "Drag":
-        lines = [describe_drag()]
-    elif name == "BendingFriction":
-        lines = [f"- {describe_loop(m)}" for m in figures.SLIDERS]
-    picture = f"![{name}](pictures/{name}.png)\n\n" if lines else ""
-    note = f"\n\n{NOTES[name]}" if name in NOTES else ""
-    return f"### {name}\n\n{markdown(name)}\n\n{picture}" + "\n".join(lines) + note + "\n"
-
-
-def describe(curve: law_curves.Curve) -> str:
-    """Describe a membrane curve in numbers."""
+def describe(curve: law_curves.Curve) -> dict[str, str]:
+    """Return the numbers of a membrane curve, by the heading of their column."""
     s, P = curve.stretch, curve.tension
     one = int(np.argmin(abs(s - 1)))
     rest = slice(one - 2, one + 3) if abs(P[one - 1]) > 1e-6 * Y else slice(one, one + 5)
     tensile, shear = slope(s[rest], P[rest], 1.0), slope(curve.shear[:5], curve.shearing[:5], 0.0)
     nu = -slope(s[rest], curve.width[rest], 1.0)
     stiffer = P[-1] / (tensile * (s[-1] - 1)), curve.shearing[-1] / (shear * curve.shear[-1])
-    return (
-        f"**{curve.label}**: Y = {number(tensile)} N/m and ν = {number(nu, 2)} at rest; "
-        f"{number(P[-1])} N/m at λ = {s[-1]:g} ({number(stiffer[0], 2)} × the tangent at rest); "
-        f"{describe_compression(s, P)}. Shear: G = {number(shear)} N/m; "
-        f"{number(curve.shearing[-1])} N/m at γ = {curve.shear[-1]:g} "
-        f"({number(stiffer[1], 2)} × the tangent)."
-    )
+    return {
+        "Y [N/m]": number(tensile),
+        "ν": number(nu, 2),
+        f"at λ = {s[-1]:g} [N/m]": f"{number(P[-1])} ({number(stiffer[0], 2)} ×)",
+        "compressed [N/m]": describe_compression(s, P),
+        "G [N/m]": number(shear),
+        f"at γ = {curve.shear[-1]:g} [N/m]": (
+            f"{number(curve.shearing[-1])} ({number(stiffer[1], 2)} ×)"
+        ),
+    }
 
 
 def number(x: float, digits: int = 0) -> str:
     """Round halves up, without a negative zero, so that round-off does not show."""
-    return f"{round(x * (1 + 1e-6), digits) + 0.0:.{digits}f}"
+    return f"{round(x * (1 + 1e-6), digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
 def slope(x, y, at: float) -> float:
@@ -144,25 +98,24 @@ def describe_compression(s, P) -> str:
     """Describe what happens below a stretch of 1."""
     found = np.flatnonzero(np.isfinite(P))
     if found[0] > 0:
-        return f"no equilibrium below λ = {s[found[0]]:.2f}: the net folds"
+        return f"the net folds below λ = {s[found[0]]:.2f}"
     low = int(np.argmin(P))
     if P[low] > -1e-6 * Y:
-        return "no stress in compression"
+        return "0"
     if low == 0:
-        return f"{number(P[0])} N/m at λ = {s[0]:g}"
+        return f"{number(P[0])} at λ = {s[0]:g}"
     cubic = np.polynomial.Polynomial.fit(s[low - 2 : low + 3], P[low - 2 : low + 3], 3)
     at = min(cubic.deriv().roots().real, key=lambda r: abs(r - s[low]))
-    words = f"the largest compression is {number(cubic(at))} N/m at λ = {at:.3f}"
-    return f"{words}; below it the stiffness is negative"
+    return f"most {number(cubic(at))} at λ = {at:.3f}, then less"
 
 
-def describe_bending(pattern: str, M) -> str:
+def describe_bending(M) -> str:
     """Describe a bending curve."""
     top, folds = int(np.argmax(M)), law_curves.FOLDS
     peak = f"{number(M[-1], 2)} at κh = {folds[-1]:.2f}"
     if top < len(M) - 1:
         peak = f"largest ({number(M[top], 2)}) at κh = {folds[top]:.2f} and zero at a full fold"
-    return f"**{pattern}**: M = {number(M[0] / folds[0], 2)} Bκ for small κh; M h/B is {peak}."
+    return f"M = {number(M[0] / folds[0], 2)} Bκ for small κh; M h/B is {peak}."
 
 
 def describe_loop(m: float) -> str:
@@ -171,8 +124,8 @@ def describe_loop(m: float) -> str:
     turn, flat = int(np.argmax(path)), np.flatnonzero(path == 0.0)
     slope = (M[turn + 1] - M[turn]) / (path[turn + 1] - path[turn])
     return (
-        f"**m = {m:g}**: the loop is {number(M[flat[-1]] - M[flat[-2]], 2)} HB high at κ = 0. "
-        f"After a turn the sliders stick over 2 HB/(m B), with the slope {number(slope, 2)} B."
+        f"the loop is {number(M[flat[-1]] - M[flat[-2]], 2)} HB high at κ = 0. After a turn the "
+        f"sliders stick over 2 HB/(m B), with the slope {number(slope, 2)} B."
     )
 
 
@@ -180,8 +133,8 @@ def describe_drag() -> str:
     lift = law_curves.drag_and_lift(figures.PLATE, figures.DEGREES)[:, 1]
     best = figures.DEGREES[int(np.argmax(lift))]
     return (
-        f"- **flat cloth at {SPEED:g} m/s**: the lift is largest at {best:g}° (sin²α cos α: "
-        "54.7°). Only the normal force lifts; there is no stall."
+        f"On flat cloth at {SPEED:g} m/s the lift is largest at {best:g}° (sin²α cos α: 54.7°). "
+        "Only the normal force lifts; there is no stall."
     )
 
 

@@ -1,8 +1,8 @@
 """What was predicted of measured cloth, over all folders of `studies.validation`.
 
-Reads the `comparison.csv` of each folder, and writes one table and one chart of all predictions
-beside their measurements. Numbers that were fitted, or shown without a verdict, are left to the
-pages of the folders.
+Reads the `comparison.csv` of each folder, counts the predictions that agree, and draws one chart of
+all of them beside their measurements. Numbers that were fitted, or shown without a verdict, are not
+counted.
 
     python -m studies.validation [--quick] [--out DIR]
 """
@@ -14,7 +14,6 @@ from pathlib import Path
 
 from fecloth.output.atomic_files import replace_file
 from fecloth.study.figures import COLOURS, Figure, new_figure
-from fecloth.study.result import markdown_table
 from studies import harness
 from studies.validation.comparison import COVERS, Comparison, read_comparisons
 
@@ -37,10 +36,10 @@ does not.
 `python -m studies.validation` makes this page from the numbers of the folders, and
 `python -m studies.validation.FOLDER` makes these.
 
-Each line is a prediction: the measured number took no part in what was fitted. The uncertainty of
-the prediction adds up mesh, step, constants and start, as `fc.budget` does; with the scatter of the
-measurement it is the total. Both agree where the difference is at most {COVERS:g} totals
-(ASME V&V 20-2009). [The data](data/README.md) are published measurements. A wide total makes
+The measured number took no part in what was fitted. The standard uncertainty of a prediction is the
+root of the sum of squares of mesh, step, solver, constants and start, as of `fc.budget`; with the
+scatter of the measurement it is the total. Both agree where the difference is at most {COVERS:g}
+totals (ASME V&V 20-2009). [The data](data/README.md) are published measurements. A wide total makes
 agreement easy: read it beside the difference.
 
 ![Predicted over measured, with {COVERS:g} standard uncertainties of both](chart.png)
@@ -51,19 +50,6 @@ def predictions() -> list[Comparison]:
     """All comparisons of kind "predicted", in the order of `FOLDERS`."""
     every = [each for name in FOLDERS for each in read_comparisons(HERE / name / "comparison.csv")]
     return [each for each in every if each.agrees is not None and each.kind == "predicted"]
-
-
-def row(each: Comparison) -> dict[str, object]:
-    return {
-        "measurement": f"[{each.folder}]({each.folder}/README.md)",
-        "specimen": each.specimen,
-        "quantity": each.quantity,
-        "unit": each.unit,
-        "predicted": f"{each.predicted:.3g} ± {each.own:.2g}",
-        "measured": f"{each.measured:.3g} ± {each.scatter:.2g}",
-        "difference": f"{each.difference:+.2g} ± {each.total:.2g}",
-        "agrees": "yes" if each.agrees else "**no**",
-    }
 
 
 def count_words(chosen: Sequence[Comparison]) -> str:
@@ -104,8 +90,7 @@ def draw(chosen: Sequence[Comparison]) -> Figure:
 def write_page(chosen: Sequence[Comparison]) -> str:
     agreed = sum(bool(each.agrees) for each in chosen)
     total = f"{agreed} of {len(chosen)} predictions agree with what was measured."
-    table = markdown_table([row(each) for each in chosen])
-    return f"{ABOUT}\n{total}\n\n{count_words(chosen)}\n\n{table}\n"
+    return f"{ABOUT}\n{total}\n\n{count_words(chosen)}\n"
 
 
 def main() -> int:

@@ -34,10 +34,6 @@ COLUMNS = (
     "folder", "specimen", "quantity", "unit", "predicted", "time", "space", "solver", "input",
     "start", "total", "measured", "scatter", "difference", "agrees", "kind",
 )  # fmt: skip
-WORDS = {
-    "time": "the time step", "space": "the mesh", "solver": "the solver", "input": "the fabric",
-    "start": "the start", "scatter": "the measurement",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -104,25 +100,6 @@ class Comparison:
             return None
         return abs(self.difference) <= COVERS * self.total
 
-    def sentence(self, wrong: str = "model") -> str:
-        """The numbers and the verdict in words: which is `wrong` where they do not agree."""
-        words = f"{self.specimen}, {self.quantity}: {self.predicted:.3g} ± {self.own:.2g}"
-        words += f" {self.unit}".rstrip()
-        if math.isnan(self.measured):
-            return f"{words}; it was not measured"
-        words += f", measured {self.measured:.3g} ± {self.scatter:.2g}"
-        if self.agrees is None:
-            return f"{words}; shown without a verdict"
-        if not math.isfinite(self.total):
-            return f"{words}: an uncertainty is not known"
-        part = max(PARTS, key=lambda name: getattr(self, name))
-        largest = f"{self.total:.2g}, of which {getattr(self, part):.2g} are of {WORDS[part]}"
-        if self.agrees:
-            twice = "twice " if abs(self.difference) > self.total else ""
-            return f"{words}: agrees within {twice}its uncertainty of {largest}"
-        off = f"{self.difference:+.2g} ± {self.total:.2g}" + f" {self.unit}".rstrip()
-        return f"{words}: the {wrong} is wrong by {off} ({self.percent:+.0f} %)"
-
     @property
     def percent(self) -> float:
         """The difference in per cent of what was measured."""
@@ -186,19 +163,16 @@ def read_comparisons(path: Path) -> list[Comparison]:
 
 
 def table(comparisons: Sequence[Comparison]) -> list[Row]:
-    """Rows of a page: the parts that are not 0 everywhere, to three digits."""
-    parts = [name for name in PARTS if any(getattr(c, name) for c in comparisons)]
-    rows: list[Row] = []
-    for each in comparisons:
-        own = {name: f"{getattr(each, name):.2g}" for name in parts if name != "scatter"}
-        bare = math.isnan(each.measured)
-        rows.append(
-            {
-                "specimen": each.specimen, "quantity": each.quantity, "unit": each.unit,
-                "predicted": f"{each.predicted:.4g}", **own, "total": f"{each.total:.2g}",
-                "measured": "" if bare else f"{each.measured:.4g} ± {each.scatter:.2g}",
-                "difference": "" if bare else f"{each.difference:+.2g} ({each.percent:+.1f} %)",
-                "agrees": each.row()["agrees"], "kind": each.kind,
-            }
-        )  # fmt: skip
-    return rows
+    """Rows of a page: what was predicted, beside what was measured."""
+    return [
+        {
+            "specimen": each.specimen,
+            "quantity": f"{each.quantity} [{each.unit}]",
+            "predicted": f"{each.predicted:.3g} ± {each.own:.2g}",
+            "measured": f"{each.measured:.3g} ± {each.scatter:.2g}",
+            "difference": f"{each.difference:+.2g} ± {each.total:.2g} ({each.percent:+.0f} %)",
+            "agrees": "yes" if each.agrees else "**no**",
+        }
+        for each in comparisons
+        if each.kind == "predicted" and each.agrees is not None
+    ]

@@ -24,9 +24,8 @@ from studies.validation.comparison import COVERS, Comparison, table, write_compa
 
 DATA = Path(__file__).parent / "data"
 ABOUT_TOTAL = """\
-All parts are standard uncertainties; total² is the sum of the squares of time, space, solver,
-input, start and the scatter of the measurement, and both agree where the difference is at most
-2 total (ASME V&V 20-2009). Parts that are 0 everywhere have no column."""
+Predictions have their own uncertainty, differences the total, as [all pages of
+validation](../README.md) say. `comparison.csv` has the parts, and what was fitted or only shown."""
 
 
 def parse_arguments(about: str | None, folder: str) -> argparse.Namespace:
@@ -119,22 +118,17 @@ def write_page(
     sections: Sequence[str],
     tables: Mapping[str, Sequence[Row]] | None = None,
     figure: str = "",
-    wrong: str = "law",
 ) -> int:
     """Write README.md, comparison.csv and the report; return the exit status of the study.
 
     `about` is the docstring of the study: a question, what is done, and the command. The sections
-    follow it, then the table of comparisons with their sentences, the figure, and further tables.
+    follow it, then the figure, the table of comparisons, and further tables.
     """
     question, _, rest = (about or "").strip().partition("\n")
     what, _, command = rest.strip().rpartition("\n\n")
-    said = "\n".join(f"- {each.sentence(wrong)}" for each in comparisons if each.agrees is not None)
     parts = [f"# {question}", what, f"`{command.strip()}`", *sections[:1]]
     parts += ["## Predicted and measured", f"![measured and predicted]({figure})" if figure else ""]
-    parts += [
-        ABOUT_TOTAL,
-        markdown_table(table(comparisons)), said, *sections[1:],
-    ]  # fmt: skip
+    parts += [ABOUT_TOTAL, markdown_table(table(comparisons)), *sections[1:]]
     for heading, rows in (tables or {}).items():
         parts += [f"## {heading}", markdown_table(rows)]
     parts += ["## Findings", "\n".join(f"- {each}" for each in findings)]

@@ -55,7 +55,7 @@ def make_model(problem: Scene, scene: str, dt: float, integrator: str):
     """Return MuJoCo's model and the data of its state."""
     import mujoco
 
-    from studies.benchmarks.mujoco import make_flex
+    from studies.evidence.benchmarks.mujoco import make_flex
 
     options = dict(FLEX[scene])
     if scene == "swing":

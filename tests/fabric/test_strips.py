@@ -127,7 +127,7 @@ def test_the_constants_give_the_force_of_the_preset(name):
 
 @pytest.mark.parametrize("name", ["interlock", "swimwear", "denim-wang"])
 def test_the_table_of_the_study_has_these_forces(name):
-    page = (ROOT / "studies" / "laws" / "wang.md").read_text(encoding="utf-8")
+    page = (ROOT / "studies" / "evidence" / "laws" / "wang.md").read_text(encoding="utf-8")
     rows = re.findall(rf"^\| {name} \| (\S+) \| (.*) \|$", page, re.MULTILINE)
     assert [along for along, _ in rows] == list(strips.ALONG)
     for along, cells in rows:

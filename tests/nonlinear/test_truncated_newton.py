@@ -11,7 +11,7 @@ from fecloth.nonlinear.increments import static_context
 from fecloth.nonlinear.remedies import Remedy
 from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.nonlinear.steps import Steps
-from studies.newton_catalogue.statics import sheared
+from studies.evidence.newton_catalogue.statics import sheared
 
 
 def test_a_wrinkled_sheet_takes_few_iterations():

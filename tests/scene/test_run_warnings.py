@@ -14,7 +14,7 @@ from fecloth.scene import plan
 from fecloth.scene.scene import load_scene
 from fecloth.simulation import dimensionless
 from fecloth.simulation.doubts.units import find_values_in_other_units
-from studies.simplify.numbers import Numbers, table
+from studies.evidence.simplify.numbers import Numbers, table
 
 TEXT = """
 cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.05, pattern = "cross" }

@@ -6,9 +6,9 @@ import pytest
 import fecloth as fc
 
 pytest.importorskip("ipctk")
-from studies.contact.catalogue_bodies import Motion, ball, turn_about
-from studies.contact.catalogue_runs import count_cut, count_swept
-from studies.contact.catalogue_scenes import draw, enters, held_edges
+from studies.evidence.contact.catalogue_bodies import Motion, ball, turn_about
+from studies.evidence.contact.catalogue_runs import count_cut, count_swept
+from studies.evidence.contact.catalogue_scenes import draw, enters, held_edges
 
 TRIANGLE = np.array([[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 2.0, 0.0]]])
 POINT = np.zeros((1, 3))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from studies.trust.drawn import draw
-from studies.trust.random_setups import findings_of, is_judged, verdict
+from studies.evidence.trust.drawn import draw
+from studies.evidence.trust.random_setups import findings_of, is_judged, verdict
 
 
 def test_a_seed_draws_the_same_set_up_with_finer_steps_and_meshes():

@@ -155,7 +155,7 @@ def test_mujocos_sheet_falls_as_ours():
 def test_a_low_row_behind_an_edge_clamps_hinges_at_that_edge():
     """A row as high as the others lets the strip hang 1.41 times as deep as B says at h = 0.1."""
     import fecloth as fc
-    from studies.work_precision.bending_scenes import with_held_row
+    from studies.evidence.work_precision.bending_scenes import with_held_row
 
     fabric, depths = fc.Fabric(0.2, 1000.0, bending_rigidity=1.0), []
     for h in (0.1, 0.05):
@@ -172,7 +172,7 @@ def test_a_low_row_behind_an_edge_clamps_hinges_at_that_edge():
 
 
 def test_the_limit_is_that_of_a_straight_line_in_h2():
-    from studies.work_precision.bending_fronts import limit
+    from studies.evidence.work_precision.bending_fronts import limit
 
     rows = [
         {"scene": "a", "model": "plate", "status": "ok", "h": h, "mean": 3.0 - 7.0 * h**2}

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from studies.trust.__main__ import findings_of, verdict
-from studies.trust.cases import error_in_time, frame_times, judge
-from studies.trust.setups import FRAMES, METHODS, MOTIONS, SETUPS, Setup, build
+from studies.evidence.trust.__main__ import findings_of, verdict
+from studies.evidence.trust.cases import error_in_time, frame_times, judge
+from studies.evidence.trust.setups import FRAMES, METHODS, MOTIONS, SETUPS, Setup, build
 
 
 def test_the_catalogue_covers_motions_methods_and_frames():

@@ -80,7 +80,14 @@ def test_workers_that_cannot_import_the_studies_run_their_cases(cluster, tmp_pat
     assert [row["status"] for row in rows] == ["failed", "ok", "time limit", "refused"]
     assert rows[1]["value"] == 1.0
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "studies.models.elastica", "--quick", "--out", str(out)]
+    command = [
+        sys.executable,
+        "-m",
+        "studies.evidence.models.elastica",
+        "--quick",
+        "--out",
+        str(out),
+    ]
     done = subprocess.run(
         [*command, "--scheduler", cluster], capture_output=True, text=True, cwd=ROOT, check=False
     )

@@ -7,7 +7,7 @@ import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.simulation.setup import Setup
 from fecloth.study.graded_meshes import choose_gradings
-from studies.convergence.singular_corners import (
+from studies.evidence.convergence.singular_corners import (
     CORNER,
     FABRIC,
     SMALL,

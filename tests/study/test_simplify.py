@@ -22,8 +22,8 @@ from fecloth.study.result import read_tolerance
 from fecloth.study.simplification_result import Trial, describe_trials
 from fecloth.study.simplifying import combine, is_worth, judge, simplify
 from fecloth.study.term_variants import Variant, list_variants, simpler_steps, simpler_terms
-from studies.simplify.numbers import Numbers
-from studies.simplify.predictions import find_limits, predict_change
+from studies.evidence.simplify.numbers import Numbers
+from studies.evidence.simplify.predictions import find_limits, predict_change
 
 pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
 STUDIES = Path(__file__).parents[2] / "studies"

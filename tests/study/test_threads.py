@@ -36,7 +36,7 @@ for command in [command for command in COMMANDS if hasattr(command, "__wrapped__
 """
 SCRIPTS = """
 import os
-import studies.benchmarks.{name}
+import studies.evidence.benchmarks.{name}
 from fecloth.study.threads import NAMES
 from fecloth.compiled.team import Team
 

@@ -18,8 +18,8 @@ from fecloth.study.chart_grid import change_names
 from fecloth.study.orders import find_obstacles
 from fecloth.study.problem import StudyProblem
 from fecloth.study.term_variants import simpler_terms
-from studies.simplify.numbers import Numbers, table
-from studies.simplify.predictions import find_limits, predict_change
+from studies.evidence.simplify.numbers import Numbers, table
+from studies.evidence.simplify.predictions import find_limits, predict_change
 
 FABRIC = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
 TERMS = (Rubber(), Ribs(), Syrup(), Breeze())

@@ -39,7 +39,7 @@ class StVK:
     triangle gives way and can collapse.
 
     Cost: 15 ns a triangle for the force, 68 for the tangent; other terms state theirs relative
-    to these (``python -m studies.benchmarks.terms``).
+    to these (``python -m studies.evidence.benchmarks.terms``).
 
     Parameters
     ----------

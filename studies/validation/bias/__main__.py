@@ -42,19 +42,11 @@ YARNS = "fabric.tensile_stiffness"
 FORCE, ALONG, ACROSS = "reaction.grip.x", "distance of left and right", "distance of low and high"
 EDGES = "distance of edge_low and edge_high"
 SOURCE = """\
-## The measurement
-
-Cao et al. (2008), Characterization of mechanical behavior of woven fabrics: experimental methods
-and benchmark results, Composites Part A 39, 1037: force over displacement of one specimen of a
-plain weave of glass/polypropylene yarns, clamped at both ends, yarns at 45° to the pull.
-[Data](../data/README.md). No scatter was published with the curve: 3 % of a force, at least 0.05 N,
-is assumed.
-
-**Assumed:** the stiffness along the yarns, 10⁶ N/m ± 50 %. 743 g/m² with 60 % of glass by weight,
-both assumed, are 0.17 mm of glass, 6·10⁶ N/m in each direction were the yarns straight; crimped
-yarns are softer. The column `input` has its part, which the last table shows, beside the covariance
-of the fitted curve. **The mesh** has its edges along the yarns; the fit takes edges of 25 mm,
-predictions 25 to 6.25 mm, so that `space` has what the fitted curve took in of its mesh, too."""
+**Measured** ([data](../data/README.md)): one specimen, without a scatter; 3 % of a force, at least
+0.05 N, is assumed. **Assumed**, too: the stiffness along the yarns, 10⁶ N/m ± 50 %; glass of the
+given mass would have 6·10⁶ N/m were its yarns straight. **The mesh** has its edges along the yarns:
+25 mm long in the fit, 25 to 6.25 mm in predictions, so that the part `space` has what the fitted
+curve took in of its mesh, too."""
 
 
 @dataclass(frozen=True)
@@ -297,7 +289,7 @@ def main() -> int:
     tables = {name: rows for name, rows in tables.items() if rows}
     return pages.write_page(
         options, __doc__, findings, compared, sections=sections, tables=tables,
-        figure="" if options.quick else "bias.png", wrong="model",
+        figure="" if options.quick else "bias.png",
     )  # fmt: skip
 
 
@@ -329,16 +321,14 @@ def conclude(
     return f"""\
 **Right:** {agree} of {len(between)} forces between the fitted points agree; the residuals of all
 points that were not fitted are {outside:.2f} times the assumed scatter (rms), of the fitted ones
-{inside:.2f}. That is a check of the table and of its fit, not of the law for other specimens: both
-halves are of one specimen. The assumed stiffness of the yarns makes the force uncertain by
-{yarns} alone.
+{inside:.2f}. Both halves are of one specimen: that checks the table and its fit, not the law. The
+assumed stiffness of the yarns makes the force uncertain by {yarns} alone.
 **Wrong:** the curve does not go on by itself: from the first 70 mm the prediction is off by
 {places}, as the last slope goes on where the yarns lock. The shear angle in
-the middle lies up to {off:.1f}° below the pin-jointed net's (no verdict: neither was measured): in
-the continuum the zones have no sharp boundaries, which the net needs.
+the middle lies up to {off:.1f}° below the pin-jointed net's: in the continuum the zones have no
+sharp boundaries, which the net needs.
 **Missing:** a specimen of another size or a picture frame to predict; the measured angle, width and
-wrinkles; friction between yarns (the force rises at once in the first millimetres, and would not
-return on the same curve); the scatter."""
+wrinkles; friction between yarns; the scatter."""
 
 
 if __name__ == "__main__":

@@ -8,10 +8,9 @@ zero in 20 load steps, without friction inside the fabric ("elastic"), and with 
 ("laid"), whose moments then sink to zero ("shaken").
 
 Stiffness in tension and in shear was not measured: both are taken from other woven fabrics, and
-uncertain by a factor of 2. The five starts, the meshes, the slider's stiffness of 20, these numbers
-and all uncertainties were committed before the first comparison; specimen.py has them, and cases.py
-says how they are read. One thing was changed afterwards, to save time: the parts of the constants
-and of the load steps are of one start, not of three.
+uncertain by a factor of 2. Starts, meshes, constants and uncertainties were committed before the
+first comparison; specimen.py has them. One thing was changed afterwards, to save time: the parts of
+the constants and of the load steps are of one start, not of three.
 
     python -m studies.validation.drape [--quick] [--jobs N] [--out DIR]
 """
@@ -71,9 +70,8 @@ def main() -> int:
         (__doc__ or "").splitlines()[0],
         [{k: v for k, v in row.items() if not isinstance(v, list)} for row in rows],
         findings=find(rows),
-        conclusion="\n".join(f"- {each.sentence('model')}" for each in coefficients),
     )
-    if not options.quick:
+    if options.write:
         for name in ("README.md", "comparison.csv", "comparison.png", "cloths.png", "results.csv"):
             if (options.out / name).exists():
                 shutil.copy(options.out / name, HERE / name)
@@ -124,21 +122,17 @@ def write_page(
     """Write README.md: the question, the comparison, its parts, and what follows."""
     question, _, rest = (__doc__ or "").strip().partition("\n")
     what, _, command = rest.strip().rpartition("\n\n")
-    folds = {each.specimen: each.measured for each in comparisons if each.agrees is None}
     verdicts = [each for each in comparisons if each.agrees is not None]
     captions = {
         "comparison.png": "Each prediction with twice its own uncertainty, and its parts.",
         "cloths.png": "The first start at rest on the finest mesh.",
     }
-    shown = [f"![{captions[name]}]({name})\n\n*{captions[name]}*" for name in pictures]
+    shown = [f"![{captions[name]}]({name})" for name in pictures]
     parts = [
         f"# {question}", what, f"`{command.strip()}`", *shown,
         "## Predicted and measured", UNITS, markdown_table(table(verdicts)),
-        "\n".join(f"- {each.sentence('model')}" for each in verdicts),
         say_what_follows(predictions, verdicts),
         "## Parts of the uncertainty", PARTS, markdown_table([budget_row(p) for p in predictions]),
-        "## Starts, meshes and folds", STARTS_TEXT,
-        markdown_table([start_row(p, folds[p.fabric]) for p in predictions]),
         "## Findings", "\n".join(f"- {each}" for each in findings),
     ]  # fmt: skip
     text = "\n\n".join(filter(None, parts)) + "\n"
@@ -184,53 +178,26 @@ def budget_row(p: Prediction) -> Row:
     return {"fabric": p.fabric, "model": p.model, "value": f"{p.value:.1f}", **signed, **changes}
 
 
-def start_row(p: Prediction, measured_folds: float) -> Row:
-    """Coefficients and folds of the starts on the finest mesh, and the means of the meshes."""
-    sizes = ", ".join(f"{value:.1f}" for value in p.means)
-    covered = min(p.folds) <= measured_folds <= max(p.folds)
-    folded = f"{p.folded[0]:.1f} ({p.folded[1]})" if p.folded else ""
-    return {
-        "fabric": p.fabric,
-        "model": p.model,
-        "starts, % (folds)": ", ".join(
-            f"{c:.1f} ({n})" for c, n in zip(p.coefficients, p.folds, strict=True)
-        ),
-        "means on the meshes, coarse to fine": sizes,
-        "folds": " to ".join(dict.fromkeys((str(min(p.folds)), str(max(p.folds))))),
-        "measured folds": f"{measured_folds:g}, {'in' if covered else 'outside'} the range",
-        "begun with five folds, % (folds)": folded,
-    }
-
-
 UNITS = (
-    "All numbers are points of the drape coefficient. All parts are standard uncertainties; total² "
-    "is the sum of the squares of time (the load steps), space (the mesh), input (constants, mass, "
-    "support), start, and the scatter of the measurement. Predicted and measured agree where their "
-    "difference is at most 2 total (ASME V&V 20-2009). The measured coefficients are single "
-    "numbers. Drape tests of 25 fabrics, with 5 to 109 scans each, scatter by 0.5 to 9 points, 2.4 "
-    "in the median: this is taken as the scatter of both."
+    "In points of the drape coefficient. Time is the load steps, input is constants, mass and "
+    "support; [all pages of validation](../README.md) say what else the uncertainties are. The "
+    "measured coefficients are single numbers: drape tests of 25 fabrics scatter by 2.4 points in "
+    "the median, which is taken for both."
 )
 MISSING = (
     "**Missing**: stiffness in tension and shear of these two fabrics, B and 2HB of warp and weft "
     "apart, B along the bias, the hysteresis of shear (2HG), and the scatter of the drape tests. "
     "Friction inside the fabric moves the coefficient by {:.0f} and {:.0f} points between laid and "
     "shaken, more than any constant: which of them a drape test is depends on the hand that lays "
-    "the cloth, and that was not written down. The part of the start is too small for the elastic "
-    "cloth: as its weight grows slowly, the five starts end in the same state. A cloth that drops "
-    "may end in others. Most coefficients rise as the mesh becomes finer; the part of the mesh "
-    "counts that, the value does not."
+    "the cloth. The part of the start is too small for the elastic cloth: as its weight grows "
+    "slowly, the five starts end in the same state. Most coefficients rise as the mesh becomes "
+    "finer; the part of the mesh counts that, the value does not."
 )
 PARTS = (
     "A constant has the change by a standard deviation up: of 10 % (B), 15 % (2HB, and B along the "
     "bias), a factor of 2 (tension, shear), 1 % (mass). The support is the change from the clamped "
-    "edge to two disks with contact and without friction, over √3. Constants, load steps and "
-    "support are of the first start alone, constants and load steps on the coarsest mesh."
-)
-STARTS_TEXT = (
-    "A start is flat, with a smooth wave along the rim that is at most 1 mm high, of 2 to 9 folds "
-    "mixed by the seeds 1 to 5. The coefficients of the starts are of the finest mesh. Begun with "
-    "five folds is a sixth start, with a wave of five folds, on the middle mesh: it shows what the "
-    "number of folds does, and is no part of the prediction, as five were measured."
+    "edge to two disks with contact, over √3. The five starts are flat with a wave of at most 1 mm "
+    "along the rim."
 )
 
 if __name__ == "__main__":

@@ -38,20 +38,12 @@ START = {"stockinette": (500.0, 250.0), "garter": (80.0, 140.0)}
 FORCE, ACROSS = "reaction.grip.x", "distance of low and high"
 SIZE, FEW = (6, 6), (2, 2)  # cells along a specimen, and steps of its pull; the quick form
 SOURCE = """\
-## The measurement
+**Measured** ([data](../data/README.md)): force and the distance of two pins across, five repeats
+each; the scatter is their standard deviation. In garter along the course the pins are farther apart
+than the clamps are wide: the specimen is taken as wide as its pins there.
 
-Singal, Dimitriyev, Gonzalez, Cachine, Quinn, Matsumoto (2024), Programming mechanics in knitted
-materials, stitch by stitch, Nature Communications 15: two knits of acrylic yarn between rigid
-clamps, force and distance of two pins across over the distance of the clamps, drawn along the wales
-and along the courses, five repeats each. [Data](../data/README.md) under the
-[MIT licence](../data/LICENCES.txt). The scatter is the standard deviation of the five repeats, each
-of which begins at its own first picture. In garter along the course the pins are farther apart than
-the clamps are wide: the specimen is taken as wide as its pins there.
-
-**What is fitted:** the forces of wale and course up to 25 %, two constants a knit. The uncertainty
-of ν and G goes on into the two constants: they are fitted again with ν or G one standard
-uncertainty higher, and the covariance of all four numbers is made of both. **What is predicted:**
-how much closer the pins come at 12.5 % and 25 % (measured, but not used)."""
+**Fitted** are two constants a knit, again with ν or G one standard uncertainty higher; the
+covariance of all four numbers is made of both. **Predicted** is how much closer the pins come."""
 
 
 @dataclass(frozen=True)
@@ -322,9 +314,8 @@ def conclude(compared: Sequence[Comparison]) -> str:
     said = "No fit of all four constants says that the forces tell ν."
     if told:
         said = f"""\
-The fit of all four constants to the forces of stockinette says that they do tell ν (below), but its
-narrowing at {last} is off by {told}: it takes the J of the curves for coupling. It is shown without
-an uncertainty and a verdict, since its covariance reaches to where no fabric is admitted."""
+The fit of all four constants to the forces of stockinette says that they do tell ν, but its
+narrowing at {last} is off by {told}: it takes the J of the curves for coupling."""
     stockinette, garter = (f"{100 * part[knit]:.0f} %" for knit in KNITS)
     return f"""\
 **Widths:** {agree} of {len(own)} narrowings agree. Those of garter do because they are uncertain by
@@ -333,13 +324,11 @@ stockinette are uncertain by {stockinette}, and wrong by {wrong}:
 its Poisson's ratio is not 0.35 ± 0.2, or the law is wrong; a fit that may use the widths wants
 0.76 ± 0.33 (95 %, `studies.fit.knits`). {said}
 **Forces:** {met} of {len(fitted)} forces agree with the fit to the same curves, off by
-{off} at {last}: the measured curves are J-shaped, StVK's are nearly straight. Their
-uncertainty is wider than the fit's, as ν and G shift the constants, counted to first order.
+{off} at {last}: the measured curves are J-shaped, StVK's are nearly straight.
 **Garter with the constants of stockinette** is wrong: its forces at {last} are {times} the
 measured ones. Constants do not go over to another stitch of the same yarn.
-**Missing:** curves in place of constants (`MembraneTable`), for the J; Poisson's ratio as a
-measured number; strips at 45° for the shear stiffness; that a repeat begins where the repeat before
-it left the knit (the widths at first differ more between repeats than the widths at 25 % do)."""
+**Missing:** curves in place of constants (`MembraneTable`), for the J; a measured Poisson's ratio;
+strips at 45° for the shear stiffness; that a repeat begins where the repeat before it ended."""
 
 
 if __name__ == "__main__":

@@ -36,22 +36,14 @@ FULL, GAIN = "force at full extension", "force gained from half to full"
 OTHER_POISSON = 0.3
 QUICK = "cloth.element=P1", "cloth.h=0.0045"
 SOURCE = """\
-## The measurement
-
-Farrell, McCann, Forte, Walsh, Bertoldi (2025), Programmable surface dimpling of textile
-metamaterials for aerodynamic control: force over extension of twelve strips of 2.25 mm, 27 mm
-together, gauge 97 mm, at five angles to the grain; one curve an angle. [Data](../data/README.md)
-under the [MIT licence](../data/LICENCES.txt). No scatter was published: 2 % of the largest force
-of each curve is assumed for each point, √2 of it for a difference of two.
+**Measured** ([data](../data/README.md)): one curve an angle, of twelve strips together, without a
+scatter; 2 % of the largest force of each curve is assumed for each point.
 
 **Slack.** The first point of each curve is not at zero force. Of a fitted strip the slack is
 fitted. A predicted strip is taut before its first point by F₀/k, with the force F₀ there and the
-mean slope k of its curve; how far the three fitted slacks lie from this rule (root mean square)
-is the uncertainty of the slack, in the column `start`. The force gained from half to full
-extension hardly depends on it.
+mean slope k of its curve; the part `start` is how far the three fitted slacks lie from this rule.
 
-**Poisson's ratio** is 0: forces of slender strips at any angle tell only 1/G − 2 ν/Y₁, and so it
-matters little which is taken (below)."""
+**Poisson's ratio** is 0, as forces of slender strips tell only 1/G − 2 ν/Y₁."""
 STRIPS = 12  # that were drawn together
 STEPS, FEW = 12, 3  # of the pull; few in the quick form
 
@@ -240,24 +232,20 @@ def conclude(compared: Sequence[Comparison], slack: float) -> str:
     return f"""\
 **Right:** the three fitted curves are met within the assumed 2 % (rms), up to 4 % of strain.
 **Wrong:** the law. At full extension it is wrong by {off[FULL]}; in the force that is gained over
-the second half, which no slack changes, by {off[GAIN]}, beside a scatter of √2 · 2 % that is only
-assumed. With stiffness along warp, weft and at 45° StVK has no number left for the angles between.
-**Missing:** a law whose stiffness follows the bonded fibres between warp and weft, repeats (nobody
-knows the scatter), the clamps' slack ({1e3 * slack:.2g} mm is what the fits say of it), and the
-width of the strips."""
+the second half, which no slack changes, by {off[GAIN]}. With stiffness along warp, weft and at 45°
+StVK has no number left for the angles between.
+**Missing:** a law whose stiffness follows the bonded fibres between warp and weft, repeats, the
+clamps' slack ({1e3 * slack:.2g} mm by the fits), and the width of the strips."""
 
 
 def all_five(five: fc.Fit, strict: fc.Fit, small: float) -> str:
     """What a fit to all angles says, with the assumed scatter and with a smaller one."""
-    verdict = "\n".join(f"- {text}" for text in strict.verdict.splitlines())
+    strictly = "says" if strict.law_fails else "does not say"
     said = "says" if five.law_fails else "does not say"
     return f"""\
 **All five angles fitted at once**, each with a slack of its own: with the assumed 2 % the misfit is
-{five.misfit:.2f}, and the fit {said} that the law is wrong; its small intervals hold for this
-scatter only. The residuals of the three curves alone are as small as {100 * small:.2f} %.
-With that as the scatter:
-
-{verdict}"""
+{five.misfit:.2f}, and the fit {said} that the law is wrong. The residuals of the three curves alone
+are as small as {100 * small:.2f} %; with that as the scatter the fit {strictly} so."""
 
 
 def poisson_words(compared: Sequence[Comparison], other: fc.Fit, steps: int) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.tiers import slow_except
 
-from studies.models.elastica import LIMITS, LOCAL, PATTERNS, hang
+from studies.evidence.models.elastica import LIMITS, LOCAL, PATTERNS, hang
 from studies.references.elastica import heavy_elastica
 
 

@@ -6,7 +6,7 @@ import pytest
 
 import fecloth as fc
 from studies.contact import references
-from studies.contact.drop import drop
+from studies.evidence.contact.drop import drop
 
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 SLOW = pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import pytest
 
-from studies.models.strains import STRAINS, slack, taut
+from studies.evidence.models.strains import STRAINS, slack, taut
 
 
 @pytest.mark.parametrize("strain", STRAINS)

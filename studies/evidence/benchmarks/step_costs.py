@@ -1,0 +1,151 @@
+"""Cost of a step against the number of triangles, for every solver, explicit and implicit.
+
+    python -m studies.evidence.benchmarks.step_costs [--quick] [--sizes N ...] [--out FOLDER]
+
+With --sizes the other rows come from step_costs.csv in the folder, if there is one.
+
+The sheet and its motion are the same as in `studies.evidence.benchmarks.multigrid`. Implicit steps
+are of backward Euler at 5 ms, explicit ones of central differences at half their largest step; both
+are measured in CPU time, on one thread. The figure has two lines of what the memory allows. A
+bandwidth is measured with a loop a[i] = b[i] + 2 c[i] over arrays that no cache holds. "State read
+and written" is the time to move what an explicit step cannot do without: x and v twice, the masses,
+and of each triangle its corners, gradients and area. "Matrix read once" is the time to read the
+blocks of the tangent; conjugate gradients read it in each of their iterations.
+"""
+
+from __future__ import annotations
+
+import csv
+import time
+from pathlib import Path
+
+import numba
+import numpy as np
+
+import fecloth as fc
+from fecloth import study
+from fecloth.study.result import Table, markdown_table
+from studies import harness
+from studies.evidence.benchmarks.measure import fastest
+from studies.evidence.benchmarks.multigrid import DT, fallen, sheet, steps, transfer
+
+SIZES = (500, 2_000, 8_000, 50_000, 200_000, 2_000_000)
+REGULAR = 500_000  # triangles from which on they are in rows: Gmsh takes minutes to place them
+LARGEST = {  # triangles to which a solver is taken: beyond it a step takes minutes, or the memory
+    "superlu": 8_000,
+    "pcg": 200_000,
+    "pardiso": 200_000,
+    "multigrid": 2_000_000,
+    "auto": 200_000,
+}
+SMALLEST = {"multigrid": 2_000}
+EXPLICIT = ("explicit step", "explicit, 5 ms of motion")
+ALLOWED = ("state read and written", "matrix read once")
+
+
+@numba.njit
+def triad(a, b, c):
+    """Compute a = b + 2 c."""
+    for i in range(len(a)):
+        a[i] = b[i] + 2.0 * c[i]
+
+
+def bandwidth() -> float:
+    """Return the bytes a second that one thread moves."""
+    a, b, c = (np.ones(8_000_000) for _ in range(3))
+    return 3 * a.nbytes / fastest(lambda: triad(a, b, c))
+
+
+def bytes_moved(system: fc.System) -> tuple[int, int]:
+    """Return the bytes of what an explicit step needs, and of the tangent."""
+    cloth = system.cloth
+    nodes = len(cloth.X) * (4 * 24 + 8)  # x and v, read and written; masses
+    triangles = cloth.triangles.nbytes + cloth.gradients.nbytes + cloth.weights.nbytes
+    return nodes + triangles, 72 * len(system.pattern.indices)  # 3 x 3 numbers a block
+
+
+def explicit_step(system: fc.System, state: fc.State, work: int) -> tuple[float, float]:
+    """Return the CPU seconds of a step, and its length [s]: two runs, without what both share.
+
+    The shorter run has about `work` triangles times steps.
+    """
+    dt, method = 0.5 * fc.critical_dt(system, state), fc.CentralDifference()
+    few = min(500, max(8, work // len(system.cloth.triangles)))
+
+    def run(count: int) -> float:
+        clock, end = time.process_time, state.t + count * dt
+        return fastest(lambda: fc.run(system, method, state, dt, end), 2, clock)
+
+    return (run(4 * few) - run(few)) / (3 * few), dt
+
+
+def costs_of(
+    triangles: int, start: tuple[fc.System, fc.State], moved: float, count: int, work: int
+) -> dict:
+    """Return a row of the table: CPU seconds of a step by each solver."""
+    is_regular = triangles >= REGULAR
+    system = sheet(triangles, "right" if is_regular else "unstructured")
+    state = transfer(*start, system)
+    chosen = [name for name, most in LARGEST.items() if SMALLEST.get(name, 0) <= triangles <= most]
+    row: dict[str, float | None] = {"triangles": len(system.cloth.triangles)}
+    row |= {
+        name: cost.seconds
+        for name, cost in steps(
+            system, state, chosen, min(count, 2) if is_regular else count
+        ).items()
+    }
+    seconds, dt = explicit_step(system, state, work)
+    row |= zip(EXPLICIT, (seconds, seconds * DT / dt), strict=True)
+    return row | dict(zip(ALLOWED, (size / moved for size in bytes_moved(system)), strict=True))
+
+
+def kept_rows(file: Path, sizes: list[int]) -> list[dict]:
+    """Return the rows of a table whose sizes are none of these."""
+    if not file.exists():
+        return []
+    with file.open(newline="") as lines:
+        rows = [
+            {k: float(v) if v else None for k, v in row.items()} for row in csv.DictReader(lines)
+        ]
+    kept = [row for row in rows if all(abs(row["triangles"] / size - 1) > 0.2 for size in sizes)]
+    return [row | {"triangles": int(row["triangles"])} for row in kept]
+
+
+def draw(rows: list[dict], out: Path) -> None:
+    """Draw the cost of a step against triangles."""
+    series = [*LARGEST, *EXPLICIT]
+    heads = "triangles", "CPU time of a step [s]", "One thread; implicit steps of 5 ms"
+    with harness.figure(out, "step_costs", *heads, size=(9.0, 6.0)) as (_, ax):
+        for name in series:
+            points = [(row["triangles"], row[name]) for row in rows if row.get(name)]
+            ax.plot(*zip(*points, strict=True), **study.line_style(series.index(name)), label=name)
+        for name, dash in zip(ALLOWED, (":", "--"), strict=True):
+            points = [(row["triangles"], row[name]) for row in rows]
+            ax.plot(*zip(*points, strict=True), color="0.5", ls=dash, label=f"memory: {name}")
+        ax.legend(ncols=2)
+
+
+def main() -> int:
+    more = {"type": int, "nargs": "+", "default": SIZES, "metavar": "N", "help": "of the meshes"}
+    options = harness.parse_arguments(__doc__, sizes=more)
+    sizes, count, work = (options.sizes, 3, 1_000_000)
+    if options.quick:
+        sizes, count, work = ((500, 2_000), 1, 20_000)
+    file = options.out / "step_costs.csv"
+    start = fallen(500, 0.1) if options.quick else fallen(8_000, 0.4)
+    moved, rows = bandwidth(), list[dict]()
+    print(f"one thread moves {1e-9 * moved:.1f} GB/s", flush=True)
+    for triangles in sizes:
+        rows.append(costs_of(triangles, start, moved, count, work))
+        words = ", ".join(f"{k} {v:.3g}" for k, v in rows[-1].items())
+        print(words, flush=True)
+    options.out.mkdir(parents=True, exist_ok=True)
+    rows = sorted([*rows, *kept_rows(file, sizes)], key=lambda row: row["triangles"])
+    Table(tuple(rows)).to_csv(file)
+    draw(rows, options.out)
+    print(markdown_table(rows))
+    return 0
+
+
+if __name__ == "__main__":
+    harness.run_main(main)
