@@ -17,11 +17,12 @@ from urllib.parse import quote, unquote
 import pytest
 from filelock import FileLock
 from support.browsers import chromium
+from support.commands import commands_of
 from support.lecture import markdown
 from support.pages import NAMES, ROOT, read
 
 import fecloth as fc
-from fecloth.cli.commands import COMMANDS
+from fecloth.cli.main import _parser
 from fecloth.quantities.formula_functions import FUNCTIONS
 
 NEEDS = ("sphinx", "numpydoc", "myst_nb", "jupytext", "ipykernel")
@@ -136,10 +137,11 @@ def test_formulas_and_the_fields_of_results_are_shown(pages):
 
 def test_the_list_of_commands_has_every_option(pages):
     text = unescape(re.sub(r"<[^>]*>", "", pages["commands.html"]))
-    for name, command in COMMANDS.items():
+    for name, parser in commands_of(_parser()).items():
         assert f"fecloth {name}" in text
-        for option in command.options:
-            assert set(option.names) <= set(re.findall(r"[\w-]+", text)), (name, option)
+        for action in parser._actions:
+            names = action.option_strings or [action.dest]
+            assert set(names) <= set(re.findall(r"[\w-]+", text)), (name, names)
 
 
 def test_the_functions_of_formulas_are_listed(pages):

@@ -6,7 +6,6 @@ from generated import Generated
 from sphinx.application import Sphinx
 
 from fecloth.cli import main as cli
-from fecloth.cli.commands import COMMANDS
 
 
 class Commands(Generated):
@@ -14,11 +13,12 @@ class Commands(Generated):
 
     def text(self) -> str:
         parsers = next(a for a in cli._parser()._actions if a.dest == "command").choices
-        parts = [section(name, COMMANDS[name].words, parser) for name, parser in parsers.items()]
+        parts = [section(name, parser) for name, parser in parsers.items()]
         return "\n".join([*parts, "Exit status", "-----------", "", "::", "", indented(cli.STATUS)])
 
 
-def section(name: str, words: str, parser: ArgumentParser) -> str:
+def section(name: str, parser: ArgumentParser) -> str:
+    words = str(parser.description)
     title = f"fecloth {name}"
     # argparse folds at the width of a terminal, which is not the width of a page
     usage = " ".join(parser.format_usage().removeprefix("usage: ").split())

@@ -4,8 +4,7 @@ import json
 import runpy
 import sys
 import time
-from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout
 from itertools import product
 from pathlib import Path
@@ -96,28 +95,36 @@ def run_levels(adapter: dict, stated: dict, levels: int) -> Iterator[dict]:
         yield run_level(adapter, stated, level)
 
 
-def bench(options: Namespace) -> int:
-    """Run adapters on cases, or list the cases; return the exit status.
+def bench(
+    names: Sequence[str],
+    adapters: Sequence[str],
+    *,
+    describe: bool,
+    levels: int,
+    as_json: bool,
+    output: str | None,
+) -> int:
+    """Run adapters on cases, or describe the cases; return the exit status.
 
     Each row is printed as soon as it is there. With an output folder, write table and charts at
     the end, also after an interruption. The status is `FAILED` if an adapter has failed. Raises
     `InputError` for an unknown case, and for an adapter that cannot be imported.
     """
-    for name in options.case:
+    for name in names:
         validation.known(f"case {name!r}", name, CASES, "bench")
-    cases = [CASES[name] for name in dict.fromkeys(options.case or CASES)]
+    cases = [CASES[name] for name in dict.fromkeys(names or CASES)]
     rows = []
-    if options.list or not options.adapter:
+    if describe or not adapters:
         keys = ("name", "asks", "known", "source")
         print(markdown_table([{key: case[key] for key in keys} for case in cases]))
-    adapters = [load_adapter(text) for text in dict.fromkeys(options.adapter or [])]
-    if folder := options.output and Path(options.output).resolve():
+    loaded = [load_adapter(text) for text in dict.fromkeys(adapters)]
+    if folder := output and Path(output).resolve():
         folder.mkdir(parents=True, exist_ok=True)  # refused before anything is run
     try:
-        for adapter, case in product(adapters, cases):
-            for row in run_levels(adapter, case, options.levels):
+        for adapter, case in product(loaded, cases):
+            for row in run_levels(adapter, case, levels):
                 rows.append(row)
-                if options.json:
+                if as_json:
                     line = json.dumps(row)
                 else:
                     line = " ".join(f"{key}={row[key]}" for key in SHOWN)

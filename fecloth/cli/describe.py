@@ -1,8 +1,7 @@
-"""The commands `info` and `mesh`: what they print of scenes, cloths, fabrics and terms."""
+"""What `info` and `mesh` print of scenes, cloths, fabrics and terms."""
 
 import os
 import textwrap
-from argparse import Namespace
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,18 +9,15 @@ from typing import Any
 import numpy as np
 
 from fecloth import validation
-from fecloth.cli.commands import reading
-from fecloth.errors import InputError, amount
+from fecloth.errors import amount
 from fecloth.fabric import presets, strips
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.uncertainty import CONSTANTS, Uncertainty, numbers_of
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
-from fecloth.output.frames import write_mesh
 from fecloth.runs.environment import versions
-from fecloth.scene.json_schema import json_schema
 from fecloth.scene.plan import memory_of_each, plan
-from fecloth.scene.scene import load_scene
+from fecloth.scene.scene import Scene
 from fecloth.scene.tables import TERM_TABLES
 from fecloth.scene.type_words import fields, meaning, phrase
 
@@ -31,75 +27,26 @@ differs from it; and the same of bending. Rows are at strains of 0 and {100 * st
 beyond, they are held constant."""
 
 
-def print_info(options: Namespace) -> int:
-    """Print what the options ask for; return the exit status."""
-    print("\n".join(_info_lines(options)))
-    return 0
-
-
-def _info_lines(options: Namespace) -> list[str]:
-    """Return lines on what the options ask for: fabrics, the schema, terms, or a scene.
-
-    Without any of these options, return the versions, the processors and the direct solver.
-    """
-    if options.fabrics is not None:
-        if options.fabrics:  # the name of one; "" asks for the list
-            return describe_fabric(options.fabrics)
-        return list_fabrics()
-    if options.schema:
-        return [json_schema()]
-    if options.terms is not None:
-        return describe_terms(options.terms)
-    if options.scene:
-        return _describe_scene(options)
+def describe_installation() -> list[str]:
+    """Return lines on the versions, the processors, the direct solver and the pages."""
     lines = [f"{name}: {number}" for name, number in versions().items()]
     lines += [f"processors: {os.cpu_count()}", f"direct solver: {select.direct().name}"]
     return [*lines, f"pages: {Path(validation.__file__).with_name('README.md')} leads to all"]
 
 
-def _describe_scene(options: Namespace) -> list[str]:
+def describe_scene(scene: Scene, ranks: int | None) -> list[str]:
     """Return lines on the plan of a scene, its cloth, its fabrics and its warnings.
 
-    With the option ``ranks`` also the memory on that number of processes. The scene is built and
-    its solver chosen, but nothing is run.
+    With `ranks` also the memory on that number of processes.
     """
-    scene = load_scene(options.scene, options.set, **reading(options))
     problem, (_, why) = scene.build().choose()
     _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
     lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
-    if options.ranks is not None:
-        validation.number("ranks", options.ranks, 0.0, "info")
-        memory = memory_of_each(problem.system, options.ranks)
-        lines.append(f"on {options.ranks} processes (mpiexec): about {memory:.0f} MB each")
+    if ranks is not None:
+        validation.number("ranks", ranks, 0.0, "info")
+        memory = memory_of_each(problem.system, ranks)
+        lines.append(f"on {ranks} processes (mpiexec): about {memory:.0f} MB each")
     return lines + [f"warning: {words}" for words in problem.warnings()]
-
-
-def print_mesh(options: Namespace) -> int:
-    """Mesh a file or a scene, print lines on the mesh, and write it if there is an output.
-
-    Return the exit status 0. Raises `InputError` for an edge length h with a scene, which has
-    its own.
-    """
-    is_scene = Path(options.path).suffix == ".toml"
-    if is_scene and options.h:
-        remedy = "Change cloth.h in the scene."
-        raise InputError("--h", "is for mesh files", options.path, remedy)
-    if is_scene:
-        cloth = load_scene(options.path, **reading(options)).mesh()
-    else:
-        cloth = Cloth.read(
-            options.path,
-            options.h,
-            element="P1",
-            trust=options.trust_geo,
-            time_limit=options.mesh_time,
-        )
-    print("\n".join(describe_cloth(cloth)))
-    if options.output:
-        path = Path(options.output)
-        write_mesh(path, cloth)
-        print(f"wrote {path}")
-    return 0
 
 
 def describe_cloth(cloth: Cloth) -> list[str]:
@@ -230,17 +177,17 @@ def _wrap(text: str) -> str:
     )
 
 
-def describe_terms(name: str) -> list[str]:
-    """Return lines about the term of this name, or with "" one line for each term.
+def list_terms() -> list[str]:
+    """Return a line for each term, with its keys."""
+    width = max(map(len, TERM_TABLES))
+    return [
+        f"{term:<{width}}  {', '.join(fields(table))}".rstrip()
+        for term, table in TERM_TABLES.items()
+    ]
 
-    Raises `InputError` for an unknown name.
-    """
-    if not name:
-        width = max(map(len, TERM_TABLES))
-        return [
-            f"{term:<{width}}  {', '.join(fields(table))}".rstrip()
-            for term, table in TERM_TABLES.items()
-        ]
+
+def describe_term(name: str) -> list[str]:
+    """Return lines about the term of this name; raise `InputError` for an unknown name."""
     validation.known(f"--terms {name}", name, TERM_TABLES)
     table = TERM_TABLES[name]
     lines = ["[[terms]]", f'type = "{name}"', "", *(table.__doc__ or "").split("\n")]

@@ -1,17 +1,18 @@
-"""The command line, as the table of commands says."""
+"""The command line: one parser of all commands, exit statuses, signals and lost output."""
 
 import os
 import re
 import signal
 import sys
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from typing import Any, NoReturn, TextIO
 
 from fecloth import __version__
-from fecloth.cli.commands import COMMANDS
+from fecloth.cli.arguments import add_arguments, call, help_words
+from fecloth.cli.commands import COMMANDS, MAY_LOSE_TEXT
 from fecloth.errors import FAILED, STOPPED, FeclothError, did_you_mean
 from fecloth.runs.interruption import set_handler, stop_at_once
 
@@ -82,7 +83,7 @@ def lost_output() -> str:
     return f"standard output cannot be written ({failure.strerror})"
 
 
-# The table and the parser import no numerical package, so that --version and --help answer at
+# The commands and the parser import no numerical package, so that --version and --help answer at
 # once, and that signals are handled before NumPy is imported.
 
 STATUS = """exit status:
@@ -126,47 +127,39 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run_command(arguments: list[str] | None) -> int:
-    """Run a command and return its exit status.
+    """Run a command and return its exit status; print the line of an error.
 
     Lost output is a failure where the output is the result of the command.
     """
     with tolerant_streams():
         options = _parser().parse_args(arguments)
-        status = _status(options)
+        from fecloth.output.atomic_files import ending_of
+
+        try:
+            status = call(options.function, vars(options))
+        except (FeclothError, OSError, MemoryError) as error:
+            status, line = ending_of(error)
+            print(line, file=sys.stderr)
         set_handler(signal.SIG_IGN)
-        if (why := lost_output()) and COMMANDS[options.command].prints:
+        if (why := lost_output()) and options.function not in MAY_LOSE_TEXT:
             print(f"failed: {why}", file=sys.stderr)
             status = status or FAILED
         return status
 
 
-def _status(options: Namespace) -> int:
-    """Carry out the command of the options; print the line of an error, and return the status."""
-    from fecloth.cli.studies import run_study
-    from fecloth.output.atomic_files import ending_of
-
-    try:
-        command = COMMANDS[options.command]
-        if command.is_study:
-            return run_study(command, options)
-        return command.load()(options)
-    except (FeclothError, OSError, MemoryError) as error:
-        status, line = ending_of(error)
-        print(line, file=sys.stderr)
-        return status
-
-
 def _parser() -> ArgumentParser:
-    """Return the parser of all commands of the table; its `command` is the name of one."""
+    """Return the parser of all commands; what it parses has the `function` of the command."""
     layout: dict[str, Any] = {"epilog": STATUS, "formatter_class": RawDescriptionHelpFormatter}
     parser = SuggestingParser("fecloth", description="A continuum cloth solver.", **layout)
     parser.add_argument("--version", action="version", version=f"fecloth {__version__}")
-    words: dict[str, Any] = {"title": "commands", "metavar": "COMMAND", "dest": "command"}
-    commands = parser.add_subparsers(required=True, **words)
-    for name, command in COMMANDS.items():
-        sub = commands.add_parser(name, help=command.words, description=command.words, **layout)
-        for option in command.options:
-            sub.add_argument(*option.names, **option.keywords)
+    commands = parser.add_subparsers(
+        title="commands", metavar="COMMAND", dest="command", required=True
+    )
+    for function in COMMANDS:
+        words = help_words(function)
+        sub = commands.add_parser(function.__name__, help=words, description=words, **layout)
+        sub.set_defaults(function=function)
+        add_arguments(sub, function)
     return parser
 
 

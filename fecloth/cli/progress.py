@@ -6,27 +6,27 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from fecloth.scene.scene import Scene
 from fecloth.simulation.steps import StepInfo
 
 
-def terminal(quiet: bool) -> Console:
+def terminal() -> Console:
     """Return a console on standard error that prints text as it is.
 
     Names and formulas may have brackets and colons, which Rich reads as markup and emoji.
     """
-    return Console(stderr=True, quiet=quiet, markup=False, emoji=False, highlight=False)
+    return Console(stderr=True, markup=False, emoji=False, highlight=False)
 
 
 @contextmanager
-def progress(
-    console: Console, t_end: float, unit: str = " s"
-) -> Iterator[Callable[[StepInfo], None]]:
+def progress(console: Console, scene: Scene, quiet: bool) -> Iterator[Callable[[StepInfo], None]]:
     """Yield a function that shows the progress of a run; the block calls it after each step.
 
-    It takes the `StepInfo` of the step. It shows a bar up to `t_end`, with t and its unit, the
-    step, the Newton iterations and the time that is left. The bar vanishes after the block.
+    It takes the `StepInfo` of the step. It shows a bar up to the end of the scene, with t and its
+    unit, the step, the Newton iterations and the time that is left. The bar vanishes after
+    the block. With `quiet` nothing is shown.
     """
-    time = "t = {task.completed:.4g} of {task.total:g}" + unit
+    time = "t = {task.completed:.4g} of {task.total:g}" + scene.schedule.unit
     bar = Progress(
         TextColumn(time + "  {task.description}", markup=False),
         BarColumn(),
@@ -35,8 +35,9 @@ def progress(
         TimeRemainingColumn(),
         console=console,
         transient=True,
+        disable=quiet,
     )
-    task = bar.add_task("", total=t_end)
+    task = bar.add_task("", total=scene.schedule.t_end)
 
     def report(info: StepInfo) -> None:
         bar.start()  # only after a step, so that no error message follows an empty bar

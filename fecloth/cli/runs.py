@@ -1,92 +1,101 @@
 """The commands of a run: `run`, `check`, `view`, `render` and `export`."""
 
-from __future__ import annotations
-
 import signal
 import sys
-from argparse import Namespace
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fecloth import errors
-from fecloth.cli.commands import reading
+from fecloth.cli.options import Reading, RunFolder, SceneFile, Threads
 from fecloth.runs.interruption import set_handler
 
 # Signals are handled before NumPy is imported: each command imports what it needs when it runs.
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from fecloth.runs.outcome import SceneResult
-    from fecloth.scene.probe_tables import Verdict
     from fecloth.scene.problem import Problem
     from fecloth.scene.scene import Scene
-    from fecloth.simulation.steps import StepInfo
-    from fecloth.system.system import System
 
 
-def run(options: Namespace) -> int:
-    """Run a scene, on all processes of mpiexec if there are several."""
+def run(
+    scene: SceneFile,
+    *,
+    reading: Reading,
+    output: Annotated[str | None, "folder to write (default: out/SCENE)", "DIR", "-o"] = None,
+    overwrite: Annotated[bool, "replace the run in that folder"] = False,
+    resume: Annotated[str | None, "go on with the run in that folder", "DIR"] = None,
+    threads: Threads = None,
+) -> int:
+    """Run a scene and leave files for ParaView.
+
+    It runs on all processes of mpiexec if there are several. Raises `InputError` for --resume
+    together with another option that names the folder.
+    """
     from fecloth.distributed.environment import count_processes, use_one_thread
 
+    def run_here(make_system: Callable | None = None) -> int:
+        from fecloth.system.system import System
+
+        loaded = _load(scene, reading, threads)
+        if resume and (output or overwrite):
+            allowed = "needs neither -o nor --overwrite: it names the folder"
+            raise errors.InputError("--resume", allowed)
+        path = Path(resume or output or Path("out") / Path(scene).stem)
+        outcome = _run_scene(
+            loaded,
+            path,
+            reading.quiet,
+            overwrite=overwrite,
+            resume=bool(resume),
+            make_system=make_system or System,
+        )
+        return _print_outcome(outcome, reading.quiet)
+
     if count_processes() == 1:
-        return _run_one(options)
+        return run_here()
     use_one_thread()
     from fecloth.distributed.launch import run_on_all
 
-    return run_on_all(lambda make_system: _run_one(options, make_system))
+    return run_on_all(run_here)
 
 
-def _run_one(options: Namespace, make_system: Callable[..., System] | None = None) -> int:
-    """Run a scene in this process, print what it does, and return the exit status.
+def _run_scene(scene: "Scene", path: Path, quiet: bool, **how: Any) -> "SceneResult":
+    """Run a scene in this process, and print what it does; with `quiet` only warnings.
 
-    `make_system` makes the part of the system that this process has, if there are several. With
-    --quiet only warnings and failures are printed. Raises `InputError` for --resume together
-    with another option that names the folder.
+    `how` are further arguments of `run_scene`.
     """
-    from functools import partial
-    from pathlib import Path
-
     from fecloth.cli.describe import sources
     from fecloth.cli.progress import progress, terminal
-    from fecloth.errors import InputError
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import plan
-    from fecloth.system.system import System
 
-    scene = _load(options.scene, options)
-    if options.resume and (options.output or options.overwrite):
-        raise InputError("--resume", "needs neither -o nor --overwrite: it names the folder")
-    path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
-    console = terminal(options.quiet)
+    console = terminal()
 
     def warn(words: str) -> None:
-        if options.quiet:  # `console` prints nothing
-            terminal(quiet=False).print(f"warning: {words}", soft_wrap=True)
-        else:
-            console.print(f"warning: {words}", soft_wrap=True)
+        console.print(f"warning: {words}", soft_wrap=True)
 
-    def announce(problem: Problem, why: str, warnings: list[str]) -> None:
-        lines = [*sources(problem.system.fabric), *plan(problem, why)]
-        console.print("\n".join(lines), soft_wrap=True)
+    def announce(problem: "Problem", why: str, warnings: list[str]) -> None:
+        if not quiet:
+            lines = [*sources(problem.system.fabric), *plan(problem, why)]
+            console.print("\n".join(lines), soft_wrap=True)
         for words in warnings:
             warn(words)
 
-    with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
-        outcome = run_scene(
+    with progress(console, scene, quiet) as report:
+        return run_scene(
             scene,
             path,
-            overwrite=options.overwrite,
             announce=announce,
             report=report,
-            resume=bool(options.resume),
             warn=warn,
             # Nothing is left to interrupt, and a signal must not change the exit status.
             closed=partial(set_handler, signal.SIG_IGN),
-            make_system=make_system or System,
+            **how,
         )
-    return _print_outcome(outcome, options.quiet)
 
 
-def _print_outcome(outcome: SceneResult, quiet: bool) -> int:
+def _print_outcome(outcome: "SceneResult", quiet: bool) -> int:
     """Print the ledger and how the run ended; return the exit status.
 
     With `quiet` only a failure is printed.
@@ -104,23 +113,32 @@ def _print_outcome(outcome: SceneResult, quiet: bool) -> int:
     return errors.STOPPED
 
 
-def check(options: Namespace) -> int:
-    """Run scenes in memory, and print for each expectation whether it is met.
+def check(
+    scenes: Annotated[list[str], "a .toml file", "scene"],
+    *,
+    reading: Reading,
+    threads: Threads = None,
+) -> int:
+    """Run scenes and verify their [expect] tables.
 
-    Return 0 if all are met, else the status `errors.MISSED`. With --quiet only the
+    Return 0 if all expectations are met, else the status `errors.MISSED`. With --quiet only the
     expectations that are not met are printed. Raises `SceneError` for a scene without expectations.
     """
     from fecloth.cli.progress import progress, terminal
+    from fecloth.scene.probe_tables import check
 
-    console = terminal(options.quiet)
     passed = True
-    for path in options.scenes:
-        scene = _load(path, options)
+    for path in scenes:
+        scene = _load(path, reading, threads)
         scene.require_expectations()
-        with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
-            verdicts = _compare_with_expectations(scene, report)
-        for verdict in verdicts:
-            if not (options.quiet and verdict.passed):
+        problem, solver = scene.build().choose()
+        with progress(terminal(), scene, reading.quiet) as report:
+            result = problem.run(solver, report)
+        for words in result.warnings:
+            print(f"warning: {words}", file=sys.stderr)
+        unit = scene.schedule.unit
+        for verdict in check(scene.expect, result.times, result.observed, result.energies, unit):
+            if not (reading.quiet and verdict.passed):
                 print(f"{path}: {verdict}")
             passed &= verdict.passed
     if passed:
@@ -128,70 +146,68 @@ def check(options: Namespace) -> int:
     return errors.MISSED
 
 
-def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
-    """Run a scene in memory, print its warnings, and return a verdict on each expectation."""
-    from fecloth.scene.probe_tables import check
-
-    problem, solver = scene.build().choose()
-    result = problem.run(solver, report)
-    for words in result.warnings:
-        print(f"warning: {words}", file=sys.stderr)
-    unit = scene.schedule.unit
-    return check(scene.expect, result.times, result.observed, result.energies, unit)
-
-
-def view(options: Namespace) -> int:
-    """Write the page of a run, and open it."""
+def view(folder: RunFolder, *, no_open: Annotated[bool, "only write the page"] = False) -> int:
+    """Make view.html of a run and open it in the browser."""
     import webbrowser
 
     from fecloth.view.web_page import write_view
 
-    file = write_view(options.folder)
+    file = write_view(folder)
     print(f"wrote {file}")
-    if not options.no_open:
+    if not no_open:
         webbrowser.open(file.resolve().as_uri())
     return 0
 
 
-def render(options: Namespace) -> int:
-    """Draw a run as a movie or a picture, print where it is, and return the exit status 0.
+def render(
+    folder: RunFolder,
+    *,
+    output: Annotated[str, ".mp4, .gif or .png", "FILE", "-o"],
+    field: Annotated[
+        str,
+        "one of larger_stretch, smaller_stretch, speed, displacement, contact_pressure, slip, "
+        "energy_density, error_density, height, quality, larger_stress, smaller_stress, "
+        "E11, E22, E12, S11, S22, S12, checks",
+    ] = "larger_stretch",
+    size: Annotated[str, "pixels (1280x720)", "WxH"] = "1280x720",
+    fps: Annotated[float | None, "frames a second (default: as the cloth moved)"] = None,
+    time: Annotated[float | None, "of a .png [s] (default: the last)", "T"] = None,
+) -> int:
+    """Draw a run as a movie or a picture.
 
     Raises `InputError` for a size that is not two whole numbers.
     """
-    from fecloth.errors import InputError
-    from fecloth.view import render
+    from fecloth.view.render import render
 
     try:
-        width, height = map(int, options.size.split("x"))
+        width, height = map(int, size.split("x"))
     except ValueError as error:
-        raise InputError(f"--size {options.size}", "must be like 1280x720") from error
-    file = render.render(
-        options.folder,
-        options.output,
-        field=options.field,
-        size=(width, height),
-        fps=options.fps,
-        time=options.time,
-    )
-    time = _describe_frame_time(options) if file.suffix == ".png" else ""
-    print(f"wrote {file}{time}")
+        raise errors.InputError(f"--size {size}", "must be like 1280x720") from error
+    file = render(folder, output, field=field, size=(width, height), fps=fps, time=time)
+    words = _describe_frame_time(folder, time) if file.suffix == ".png" else ""
+    print(f"wrote {file}{words}")
     return 0
 
 
-def export(options: Namespace) -> int:
-    """Write a run for Blender and other programs."""
+def export(
+    folder: RunFolder,
+    *,
+    output: Annotated[str, ".usda, or .obj for a file a frame", "FILE", "-o"],
+    fps: Annotated[float | None, "frames a second in the other program (24)"] = None,
+) -> int:
+    """Write a run for Blender and other programs that render."""
     from fecloth.view.export import export
 
-    files = export(options.folder, options.output, options.fps)
+    files = export(folder, output, fps)
     to_last = f" to {files[-1].name}" if len(files) > 1 else ""
     print(f"wrote {files[0]}{to_last}")
     return 0
 
 
-def _describe_frame_time(options: Namespace) -> str:
+def _describe_frame_time(folder: str, time: float | None) -> str:
     """Return the time of the frame shown, as a text that begins with a colon.
 
-    In a static run it is the part of the loads. If there is no frame at the time asked for, the
+    In a static run it is the part of the loads. If there is no frame at the `time` asked for, the
     text names that time, too.
     """
     import math
@@ -200,21 +216,17 @@ def _describe_frame_time(options: Namespace) -> str:
     from fecloth.runs.outcome import place_in_words
     from fecloth.view.web_page import unit_of
 
-    series = Series.open(options.folder)
-    time_asked_for = options.time
-    t = series.times[series.at(time_asked_for)]
+    series = Series.open(folder)
+    t = series.times[series.at(time)]
     unit = unit_of(series.folder)
     words = f": {place_in_words(t, unit)}"
-    if time_asked_for is None or math.isclose(t, time_asked_for, rel_tol=1e-9, abs_tol=1e-12):
+    if time is None or math.isclose(t, time, rel_tol=1e-9, abs_tol=1e-12):
         return words
-    return f"{words}, of the frame next to {time_asked_for:g}{unit}"
+    return f"{words}, of the frame next to {time:g}{unit}"
 
 
-def _load(path: str, options: Namespace) -> Scene:
-    from fecloth.scene.scene import load_scene
-
-    if options.threads is None:
-        threads = []
-    else:
-        threads = [f"solver.threads={options.threads}"]
-    return load_scene(path, [*options.set, *threads], **reading(options))
+def _load(path: str, reading: Reading, threads: str | None) -> "Scene":
+    changes = list(reading.set_ or ())
+    if threads is not None:
+        changes.append(f"solver.threads={threads}")
+    return reading.load(path, changes)

@@ -1,109 +1,277 @@
-"""Run a study of the table of commands; and print the modes of a scene."""
+"""The commands of studies, in the words of the help; `bench`, and `modes`."""
 
-import hashlib
-import re
-from argparse import Namespace
-from pathlib import Path
+import sys
+import warnings
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from fecloth.cli.commands import RUNNING, Command, reading
+from fecloth.cli.options import (
+    Changes,
+    Elements,
+    Levels,
+    Methods,
+    Names,
+    Over,
+    Quantities,
+    Quantity,
+    Ratio,
+    Reading,
+    Refine,
+    SceneFile,
+    Texts,
+)
+from fecloth.cli.study_command import Running, study
+from fecloth.errors import FeclothWarning
 
-# Characters of the question in the name of a folder. With the scene and a hash the name is then
-# far below the 255 bytes that file systems allow.
-LONGEST_QUESTION = 80
-SHARED = {"scene", "set", *RUNNING}  # the other options of a study are its own arguments
+if TYPE_CHECKING:
+    from fecloth.study import StudyResult
+
+Seconds = Annotated[float, "CPU seconds of all runs together (%(default)g)", "S"]
+ONE_MINUTE = Running(time_limit=60.0)
+TWO_MINUTES = Running(time_limit=120.0)
 
 
-def run_study(command: Command, options: Namespace) -> int:
-    """Run the study, print its result and write its report; return the exit status.
+@study
+def converge(
+    scene: SceneFile,
+    *,
+    quantity: Quantity = None,
+    refine: Refine = "h",
+    levels: Levels = 4,
+    ratio: Ratio = None,
+    set_: Changes = None,
+    grade: Annotated[bool, "grade meshes at corners and pins by the space error"] = False,
+    running: Running,
+) -> "StudyResult":
+    """Refine a scene: value, uncertainty, order."""
+    study = running.open(set_, scene)
+    return study.converge(quantity, refine, levels, ratio=ratio, grade=grade)
 
-    `compare` of the folders of two runs is no study: it draws both runs in one picture.
-    """
-    from fecloth.study import threads  # noqa: F401, I001  before NumPy: one thread a case
-    from fecloth.scene.scene import load_scene
-    from fecloth.study.overlay import compare_runs
-    from fecloth.study.work import LONGEST
 
-    if isinstance(options.scene, list):
-        paths = options.scene
-    else:
-        paths = [options.scene]
-    stem = "-".join(Path(path).stem for path in paths)
-    name = command.target.rpartition(":")[2]  # the function, after which folders are named
-    own_options = {option.key for option in command.options} - SHARED
-    folder = Path(options.output or Path("out") / name / (stem + _question(command, options)))
-    if len(paths) == 2 and all(Path(path).is_dir() for path in paths):  # two runs, for compare
-        first, second = paths
-        print(f"wrote {compare_runs(first, second, folder / 'overlay')}")
-        return 0
-    arguments = {key: getattr(options, key) for key in own_options}
-    if "set" in (option.key for option in command.options):
-        scenes = [load_scene(path, options.set, trust_geo=options.trust_geo) for path in paths]
-    else:  # the file names scenes, which the study reads
-        scenes = paths
-        arguments["trust_geo"] = options.trust_geo
-    study = command.load()
-    result = study(
-        scenes[0] if len(scenes) == 1 else scenes,
-        **arguments,
-        cache=options.output or "out",  # without -o all commands share the finished cases
-        jobs=options.jobs,
-        scheduler=options.scheduler,
-        time_limit=options.time_limit,
-        most_seconds=None if options.yes else LONGEST,  # a longer study needs --yes
-        fresh=options.fresh,
+@study
+def compare(
+    scene: Annotated[
+        list[str], "a .toml file; several without --variants; or the folders of two runs"
+    ],
+    *,
+    variants: Annotated[
+        Texts,
+        "values of a key, as terms.0.type=StVK,Springs; may be repeated",
+        "KEY=VALUES",
+    ] = None,
+    quantity: Quantity = None,
+    refine: Refine = "h",
+    levels: Levels = 3,
+    ratio: Ratio = None,
+    set_: Changes = None,
+    running: Running,
+) -> "StudyResult":
+    """Compare models, or two scenes, beside the error of each."""
+    study = running.open(set_, *scene)
+    return study.compare(variants, quantity, refine, levels, ratio=ratio)
+
+
+@study
+def sweep(
+    scene: SceneFile,
+    *,
+    quantity: Quantities = None,
+    set_: Changes = None,
+    over: Over,
+    running: Running,
+) -> "StudyResult":
+    """Run a scene for several values of a key."""
+    return running.open(set_, scene).sweep(over, quantity)
+
+
+@study
+def chart(
+    scene: SceneFile,
+    *,
+    quantity: Quantity = None,
+    methods: Methods = None,
+    elements: Elements = None,
+    models: Annotated[
+        Names, "as StVK,NeoHookean, with commas (default: the scene's own)", "A,B"
+    ] = None,
+    meshes: Annotated[int, "meshes with h, h/2, … (2)", "N"] = 2,
+    levels: Annotated[int, "of the limit, from 3 (%(default)s)", "N"] = 3,
+    seconds: Seconds = 120.0,
+    set_: Changes = None,
+    running: Running = ONE_MINUTE,
+) -> "StudyResult":
+    """Errors of other settings over CPU seconds."""
+    return running.open(set_, scene).chart(
+        quantity, methods, elements, models, meshes=meshes, levels=levels, seconds=seconds
     )
-    print(result.summary())
-    print(result.describe_files(folder, result.report(folder)))
-    return result.exit_status
 
 
-def _question(command: Command, options: Namespace) -> str:
-    """Return the options that are not defaults as a text for the name of the study's folder.
+@study
+def stability(
+    scene: SceneFile,
+    *,
+    over: Over | None = None,
+    methods: Annotated[Names, "as bdf2,newmark, with commas (default: eight)", "A,B"] = None,
+    set_: Changes = None,
+    running: Running = TWO_MINUTES,
+) -> "StudyResult":
+    """Find the steps at which each method fails, over the values of a key."""
+    return running.open(set_, scene).stability(over, methods)
 
-    So different questions have different folders. It is "" if all are defaults, and else begins
-    with a comma. Options that do not change the result, such as --jobs, do not count.
+
+@study
+def sensitivity(
+    scene: SceneFile,
+    *,
+    quantity: Annotated[
+        Texts, 'as "max tip.z"; may be repeated (default: the first of [interest])', "Q"
+    ] = None,
+    parameter: Annotated[
+        Texts,
+        "a number of the scene, as fabric.bending_rigidity; may be repeated "
+        "(default: all numbers of the fabric and of the terms)",
+        "KEY",
+    ] = None,
+    scale: Annotated[
+        list[tuple[str, float]] | None,
+        "a usual change of a number that is 0; may be repeated",
+        "KEY=SIZE",
+    ] = None,
+    tolerance: Annotated[str, "relative error of the derivatives (1e-4)", "T"] = "1e-4",
+    set_: Changes = None,
+    running: Running,
+) -> "StudyResult":
+    """How much quantities depend on each number of a scene."""
+    study = running.open(set_, scene)
+    return study.sensitivity(parameter, quantity, scale=scale or (), tolerance=tolerance)
+
+
+@study
+def budget(
+    scene: SceneFile,
+    *,
+    quantity: Quantities = None,
+    samples: Annotated[int | None, "in place of the first order (where it fails, 64)"] = None,
+    seed: Annotated[int, "of samples and disturbed starts (0)"] = 0,
+    set_: Changes = None,
+    running: Running,
+) -> "StudyResult":
+    """Add up how uncertain quantities are, beside what was measured."""
+    study = running.open(set_, scene)
+    return study.budget(quantity=quantity, samples=samples, seed=seed)
+
+
+@study
+def fit(
+    scene: Annotated[str, "a file of a fit", "FIT.toml"],
+    *,
+    starts: Annotated[int | None, "number of starts (1, or as in the file)", "N"] = None,
+    running: Running,
+) -> "StudyResult":
+    """Find the constants of a fabric from measurements, and what these do not tell."""
+    from fecloth.study import fit
+
+    return fit(scene, starts=starts, trust_geo=running.trust_geo, **running.how())
+
+
+@study
+def simplify(
+    scene: SceneFile,
+    *,
+    quantity: Quantities = None,
+    set_: Changes = None,
+    tolerance: Annotated[str, "largest change of each quantity, as 1%% or 0.01 (1%%)", "T"] = "1%",
+    running: Running,
+) -> "StudyResult":
+    """Find what a scene does not need, and write it without."""
+    return running.open(set_, scene).simplify(tolerance, quantity)
+
+
+@study
+def tune(
+    scene: SceneFile,
+    *,
+    quantity: Quantities = None,
+    set_: Changes = None,
+    tolerance: Annotated[
+        str | None, "largest error of each quantity, as 1%% or 0.01 (1%%)", "T"
+    ] = None,
+    budget: Annotated[
+        float | str | None,
+        'longest CPU time of the tuned run, as "60 s": seek the most accurate setting within it',
+        "TIME",
+    ] = None,
+    to_data: Annotated[
+        bool, "take a third of the uncertainty by [uncertain] as the tolerance"
+    ] = False,
+    model: Annotated[
+        bool, "leave out terms, or take cheaper ones, where that changes little"
+    ] = False,
+    methods: Methods = None,
+    elements: Elements = None,
+    seconds: Seconds = 120.0,
+    running: Running,
+) -> "StudyResult":
+    """Find the cheapest setting that meets a tolerance, and prove its error."""
+    return running.open(set_, scene).tune(
+        tolerance,
+        quantity,
+        budget=budget,
+        to_data=to_data,
+        model=model,
+        methods=methods,
+        elements=elements,
+        seconds=seconds,
+    )
+
+
+def bench(
+    case: Annotated[Texts, "name of a case (default: all)"] = None,
+    *,
+    adapter: Annotated[Texts, "a function of a case; may be repeated", "FILE.py:FUNCTION"] = None,
+    list_: Annotated[bool, "say what the cases ask, and what is known"] = False,
+    levels: Annotated[Literal[1, 2, 3], "meshes of a case, coarse to fine (%(default)s)", "N"] = 3,
+    json: Annotated[bool, "print one object a line"] = False,
+    output: Annotated[
+        str | None, "folder of table.md and a chart of each case", "DIR", "-o"
+    ] = None,
+) -> int:
+    """Compare solvers on cases with known answers."""
+    from fecloth.bench.runner import bench
+
+    return bench(
+        case or (),
+        adapter or (),
+        describe=list_,
+        levels=levels,
+        as_json=json,
+        output=output,
+    )
+
+
+def modes(
+    scene: SceneFile,
+    *,
+    count: Annotated[int, "number of frequencies (6)", "COUNT", "-n"] = 6,
+    output: Annotated[str | None, "folder of report, picture and shapes", "DIR", "-o"] = None,
+    reading: Reading,
+) -> int:
+    """Print the natural frequencies of a scene [Hz].
+
+    Each has a line. Warnings and the verdict go to standard error.
     """
-    parts = []
-    for option in command.options:
-        value = getattr(options, option.key)
-        if option.key not in SHARED - {"set"} and value != option.keywords.get("default"):
-            items = value if isinstance(value, list) else [value]
-            parts += [f"{option.key}={item}" for item in items if item]
-    if not parts:
-        return ""
-    text = ",".join(parts)
-    name = re.sub(r"[^\w.=,+-]", "_", text)  # characters that any file system allows
-    # A hash keeps apart texts that have become the same name.
-    if name != text or len(name) > LONGEST_QUESTION:
-        name = f"{name[:LONGEST_QUESTION]}-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
-    return f",{name}"
+    from fecloth.study import of
 
-
-def print_modes(options: Namespace) -> int:
-    """Print the frequencies [Hz], one a line, and return the exit status 0.
-
-    Warnings and the verdict go to standard error. With a folder write report, picture and
-    shapes.
-    """
-    import sys
-    import warnings
-
-    from fecloth.cli.progress import terminal
-    from fecloth.errors import FeclothWarning
-    from fecloth.scene.scene import load_scene
-    from fecloth.study.study import of
-
-    study = of(load_scene(options.scene, options.set, **reading(options)))
+    study = of(reading.load(scene, reading.set_))
     with warnings.catch_warnings():  # they are printed below
         warnings.simplefilter("ignore", FeclothWarning)
-        result = study.modes(count=options.count)
+        result = study.modes(count=count)
     for frequency in result.frequencies:
         print(f"{frequency:.6g}")
     for words in result.warnings:
         print(f"warning: {words}", file=sys.stderr)
-    console = terminal(options.quiet)
-    console.print(result.verdict, soft_wrap=True)
-    if options.output:
-        console.print(f"wrote {result.report(options.output)}", soft_wrap=True)
-        console.print(f"open {result.write(options.output)} in ParaView", soft_wrap=True)
+    lines = [result.verdict]
+    if output:
+        lines += [f"wrote {result.report(output)}", f"open {result.write(output)} in ParaView"]
+    if not reading.quiet:
+        print("\n".join(lines), file=sys.stderr)
     return 0

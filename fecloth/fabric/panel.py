@@ -1,9 +1,9 @@
 """A cloth with the fabric and the warp direction of each triangle."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +12,7 @@ from fecloth.compiled.team import ALONE, Team
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
+from fecloth.quantities.sameness import same
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +110,14 @@ class Panel:
 
         If the constants are equal in all fabrics, the result is a view of a single row.
         """
-        of_fabrics = [np.atleast_1d(constants(fabric)) for fabric in self.fabrics]
-        rows = np.array(of_fabrics, dtype=float)
+        rows = self.rows(constants)
         if len({row.tobytes() for row in rows}) == 1:
             return np.broadcast_to(rows[0], (len(self.region), rows.shape[1]))
         return rows[self.region]
+
+    def rows(self, constants: Callable[[Fabric], ArrayLike]) -> np.ndarray:
+        """(f, p) constants of each fabric, from a function ``constants(fabric) -> (p,)``."""
+        return rows_of(self.fabrics, constants)
 
     @cached_property
     def density(self) -> np.ndarray:
@@ -153,6 +157,57 @@ class Panel:
         s = np.sin(self.grain)
         rotation = np.array([[c, -s], [s, c]])  # columns: warp and weft in X and Y
         return np.ascontiguousarray(np.einsum("eqai,ije->eqaj", self.cloth.gradients, rotation))
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedPanel(Panel):
+    """A panel that notes what a term reads of the fabrics, of the start and of the clamps.
+
+    All else in a panel follows from the mesh, its regions and the warp direction.
+
+    Attributes
+    ----------
+    names
+        The attributes among `WATCHED` that were read.
+    functions
+        The functions of a fabric whose values were read, as of `each`.
+    """
+
+    names: set[str] = field(default_factory=set)
+    functions: list[Callable[[Fabric], ArrayLike]] = field(default_factory=list)
+
+    WATCHED: ClassVar = ("fabrics", "start", "clamps")
+
+    @classmethod
+    def of(cls, panel: Panel) -> Self:
+        """Return a watched copy of a panel, of which nothing was read yet."""
+        watched = cls(**{part.name: getattr(panel, part.name) for part in fields(panel)})
+        watched.names.clear()
+        return watched
+
+    def __getattribute__(self, name: str) -> Any:
+        if name in WatchedPanel.WATCHED:
+            self.names.add(name)
+        return super().__getattribute__(name)
+
+    def rows(self, constants: Callable[[Fabric], ArrayLike]) -> np.ndarray:
+        """As `Panel.rows`; the function is noted in place of the whole fabrics."""
+        self.functions.append(constants)
+        return rows_of(vars(self)["fabrics"], constants)
+
+    def gave_same(self, other: Panel, names: Collection[str] = ()) -> bool:
+        """Return whether all that was read, and the attributes `names`, is the same in another."""
+        known = vars(self)
+        attributes = all(same(known[name], getattr(other, name)) for name in {*self.names, *names})
+        return attributes and all(
+            same(rows_of(known["fabrics"], constants), other.rows(constants))
+            for constants in self.functions
+        )
+
+
+def rows_of(fabrics: tuple[Fabric, ...], constants: Callable[[Fabric], ArrayLike]) -> np.ndarray:
+    """Return the constants (f, p) of each fabric, from a function ``constants(fabric) -> (p,)``."""
+    return np.array([np.atleast_1d(constants(fabric)) for fabric in fabrics], dtype=float)
 
 
 def _by_region(cloth: Cloth, values: Any, name: str) -> tuple[tuple, np.ndarray]:

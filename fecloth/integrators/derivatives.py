@@ -1,6 +1,5 @@
 """Derivatives of a step by a parameter of the problem, by the implicit function theorem."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -11,8 +10,8 @@ import numpy as np
 from fecloth.integrators.linearly_implicit_euler import LinearOpening
 from fecloth.integrators.step import Solution, Step
 from fecloth.nonlinear.along import Along, Sides
-from fecloth.nonlinear.context import PRICES, SolverContext
-from fecloth.nonlinear.linearised import ASSUMED_CONTRACTION, Map, NoDerivative, correct, inverse
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.linearised import Map, NoDerivative, correct, inverse
 from fecloth.system.system import System
 from fecloth.terms.records import shift
 
@@ -25,8 +24,6 @@ SHARE_OF_BEGIN = 1e-2
 # Factor on a contraction that was measured with another parameter, whose corrections may shrink
 # more slowly.
 CONTRACTION_SAFETY = 2.0
-# After this number of steps the factor of the run is tried again, if the exact one was better.
-STEPS_BETWEEN_TRIALS = 8
 
 
 class DerivedStep(NamedTuple):
@@ -46,11 +43,10 @@ class DerivedStep(NamedTuple):
 
 @dataclass(eq=False)
 class StepTangents:
-    """Solvers of J y = b for the steps of a run, by the factor of the run or by an exact one.
+    """Solvers of J y = b for the steps of a run: by the factor of the run, or else an exact one.
 
-    The exact factor is of the tangent at the solved unknown. It is made once for all parameters
-    of a step, where it saves them more solves than it costs, or where corrections with the
-    factor of the run shrink slowly. The contractions of both are kept from step to step.
+    The exact factor is of the tangent at the solved unknown. It is made where corrections with
+    the factor of the run do not shrink by half, once for all parameters of a step.
 
     Attributes
     ----------
@@ -60,61 +56,40 @@ class StepTangents:
         Whether the tangents are symmetric.
     context
         The solver of the run; its linear solver holds the matrix of the last iteration.
-    parameters
-        Number of parameters.
     tolerance
         Relative error of the unknown's derivative.
     exact_solver
         The linear solver and the matrix of exact tangents; None until they are needed.
     solution, exact_solution
         The solution of the last step, and the solution for which `exact_solver` is prepared.
-    steps
-        Number of steps so far.
-    contractions, earlier_contractions
-        Contraction of the corrections by the name of the solver, see `correct`: in this step,
-        and in the steps before.
+    contractions
+        Contraction of the corrections in this step by the name of the solver, see `correct`.
     """
 
     system: System
     symmetric: bool
     context: SolverContext
-    parameters: int
     tolerance: float
     exact_solver: Any = None
     solution: Solution | None = None
     exact_solution: Solution | None = None
-    steps: int = 0
     contractions: dict[str, float] = field(default_factory=dict)
-    earlier_contractions: dict[str, float] = field(default_factory=dict)
 
     def solvers(self, solution: Solution, has_matrix: bool) -> dict[str, Callable[[], Map]]:
         """Return functions that prepare a solver of J y = b for this step, by the solver's name.
 
         They are in the order in which to try them. "held" has the factor of the run, "exact" a
         factor of its own. `has_matrix` says whether the run has a matrix of this step. Once the
-        exact factor of this step is made, it alone is returned. The first call with a new
-        solution begins a new step: the contractions so far become those of earlier steps.
+        exact factor of this step is made, it alone is returned. With a new solution a new step
+        begins, of which no contractions are known.
         """
         if self.solution is not solution:
             self.solution = solution
-            self.steps += 1
-            self.earlier_contractions = {**self.earlier_contractions, **self.contractions}
             self.contractions = {}
-        held = partial(self._hold_factor, solution)
-        exact = partial(self._make_exact, solution)
-        saved_solves = self.parameters * (self._solves_with("held") - self._solves_with("exact"))
-        solves_per_factor = PRICES.get(self.context.matrix_solver()[0].name, math.inf)
-        # the contraction of the run's factor is only measured where that factor is used
-        is_trial = self.steps % STEPS_BETWEEN_TRIALS == 0
-        exact_is_better = saved_solves > solves_per_factor and not is_trial
-        if self.exact_solution is solution or exact_is_better or not has_matrix:
-            return {"exact": exact}
-        return {"held": held, "exact": exact}
-
-    def _solves_with(self, name: str) -> float:
-        """Number of solves for a parameter, as its corrections have shrunk before."""
-        contraction = self.earlier_contractions.get(name, ASSUMED_CONTRACTION)
-        return max(1.0, math.log(self.tolerance) / math.log(contraction))
+        exact: dict[str, Callable[[], Map]] = {"exact": partial(self._make_exact, solution)}
+        if self.exact_solution is solution or not has_matrix:
+            return exact
+        return {"held": partial(self._hold_factor, solution), **exact}
 
     def _hold_factor(self, solution: Solution) -> Map:
         """b ↦ J⁻¹ b with the factor that the run has."""

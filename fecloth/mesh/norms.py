@@ -38,13 +38,13 @@ def _evaluators(cloth, points: np.ndarray, cells: np.ndarray) -> list[sparse.csr
 
     `points` (p, 2) are material points [m], and `cells` (p,) the triangle of each of them.
     """
-    basis = cloth.basis(1)
-    mapping = basis.mapping
+    element = cloth.kind.shapes
+    mapping = cloth.mesh.mapping()
     local = mapping.invF(points.T[:, :, None], tind=cells)  # coordinates on the unit triangle
-    shapes = [basis.elem.gbasis(mapping, local, a, tind=cells)[0] for a in range(basis.Nbfun)]
-    columns = basis.element_dofs[:, cells]
+    columns = cloth.stencil[cells].T
+    shapes = [element.gbasis(mapping, local, a, tind=cells)[0] for a in range(len(columns))]
     place = np.tile(np.arange(len(points)), len(columns)), columns.ravel()
-    size = len(points), basis.N
+    size = len(points), len(cloth.X)
     entries_of_matrices = [
         shapes,
         [phi.grad[0] for phi in shapes],
@@ -88,8 +88,9 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
             all_depths = -_distance(corners, points[p])
         cells[p] = np.argmax(all_depths)
         depth[p] = all_depths.max()
-    longest_edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    outside = np.flatnonzero(depth < -longest_edge[cells])
+    nearest = corners[cells]
+    longest_edge = np.linalg.norm(nearest - np.roll(nearest, 1, axis=1), axis=2).max(axis=1)
+    outside = np.flatnonzero(depth < -longest_edge)
     if outside.size:
         what = f"{outside.size} of {len(points)} material points, first {points[outside[0]]} m"
         allowed = "must lie on the cloth"

@@ -12,9 +12,12 @@ from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
 from fecloth.nonlinear.linearised import Map, correct, inverse
 from fecloth.nonlinear.remedies import Remedy
 from fecloth.nonlinear.static_equation import StaticEquation
+from fecloth.system.reuse import reusing
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.records import shift
+from fecloth.terms.traits import parameters_of
 
 EXACT = Remedy(0.0, definite=False)
 ROUND_OFF_OF_POSITIONS = 1e-15  # relative: a few units of the last digit
@@ -60,6 +63,7 @@ class StaticTangent:
         Raise `SolveFailed` where it is singular.
         """
         increment, x = solved
+        increment = replace(increment, system=with_exact_tangents(increment.system))
         # Friction lags: its equation needs the place of its normal forces.
         lags = any(term.lags for term in increment.system.bound)
         equation = increment.equation(x if lags else None)
@@ -73,6 +77,22 @@ class StaticTangent:
             linear = select.direct(symmetric=False)
             linear.prepare(coupled)
         return cls(inverse(linear, equation.updates(x)))
+
+
+def with_exact_tangents(system: System) -> System:
+    """The system whose terms have their exact tangents; itself if it has no symmetric ones.
+
+    Newton's iteration does with a symmetric tangent; a derivative would need many corrections.
+    """
+    options = [parameters_of(term).get("tangent") for term in system.terms]
+    if "symmetric" not in options:
+        return system
+    terms = [
+        replace(term, tangent="exact") if option == "symmetric" else term
+        for term, option in zip(system.terms, options, strict=True)
+    ]
+    with reusing(system):
+        return system.replace(terms=terms)
 
 
 def derive_increment(
@@ -111,8 +131,8 @@ def derive_increment(
     minus_side = _Side.of(increment, along, sides.minus, -epsilon)
 
     def residual(dx: np.ndarray) -> np.ndarray:
-        r = plus_side.residual(x + epsilon * dx) - minus_side.residual(x - epsilon * dx)
-        return r / (2 * epsilon)
+        force = _difference(plus_side, minus_side, x + epsilon * dx, x - epsilon * dx)
+        return -force / (2 * epsilon)
 
     def size_of(dx: np.ndarray) -> float:
         return float(np.linalg.norm(dx)) or 1.0
@@ -176,15 +196,34 @@ class _Side:
         """The equation of the end; friction has the normal forces at x (n, 3)."""
         return self.fixed or self.increment.equation(x)
 
-    def residual(self, x: np.ndarray) -> np.ndarray:
-        """The forces that are out of balance (n, 3), with held directions at the target."""
-        at = self.place(x)
-        R, _ = self.equation(at).residual(at, 0.0)
-        return R
-
     def end(self, x: np.ndarray) -> tuple[State, System, History | None]:
         """The state at x (n, 3), the system over the increment, and what its terms remember."""
         at = self.place(x)
         state = State(self.increment.start.t, at, np.zeros_like(at))
         over = self.equation(at).system
         return state, over, over.commit(state, self.increment.history)
+
+
+def _difference(plus: _Side, minus: _Side, x_plus: np.ndarray, x_minus: np.ndarray) -> np.ndarray:
+    """The forces (n, 3) of the free directions at p + ε and x₊ less those at p − ε and x₋.
+
+    A term that both sides have in common cancels where both positions are the same, so that it
+    is not evaluated there.
+    """
+    at_plus = plus.place(x_plus)
+    at_minus = minus.place(x_minus)
+    are_same_places = np.array_equal(at_plus, at_minus)
+    force = np.zeros_like(x_plus)
+    pairs = zip(plus.equation(at_plus).terms(), minus.equation(at_minus).terms(), strict=True)
+    for (term_plus, factor, t), (term_minus, _, _) in pairs:
+        if not (are_same_places and term_plus is term_minus):
+            force += factor * _force(term_plus, at_plus, t)
+            force -= factor * _force(term_minus, at_minus, t)
+    return plus.increment.system.constraints.project(force)
+
+
+def _force(term: BoundTerm, x: np.ndarray, t: float) -> np.ndarray:
+    """The force (n, 3) of a term at rest at x."""
+    force = np.zeros_like(x)
+    term.add_force(x, np.zeros_like(x), t, force)
+    return force

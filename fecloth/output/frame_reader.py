@@ -163,6 +163,9 @@ class Series:
             folder = given_path.parent
             # It has returned out/swing.pvd for the list out/swing.vtu.series.
             listed = Path(f"{given_path}.vtu.series".replace(".pvd.", "."))
+        # The run gathers its frames in one file first, and then removes them.
+        if single.is_file():
+            return cls(folder, _read_times(single), lambda i: _read_hdf(single, i))
         if listed.is_file():
             try:
                 entries = json.loads(listed.read_text(encoding="utf-8"))["files"]
@@ -172,8 +175,6 @@ class Series:
                 remedy = "Run the scene again."
                 raise InputError(f"{listed}", f"cannot be read ({error})", "", remedy) from error
             return cls(folder, times, lambda i: _read_vtu(files[i], times[i]))
-        if single.is_file():
-            return cls(folder, _read_times(single), lambda i: _read_hdf(single, i))
         remedy = "Give the folder of a run, as out/flag."
         raise InputError(f"{given_path}", "has no frames", "", remedy)
 

@@ -71,21 +71,19 @@ class Frames:
         self._list_last()
         return file
 
-    def keep(self, times: Sequence[float]) -> None:
-        """Continue after an earlier run's frames of these times [s]; remove its later frames.
+    def cut(self, times: Sequence[float]) -> None:
+        """Go back to the frames of these times [s], and remove later ones.
 
         The lists are written anew with these frames only. Raises `InputError` if a frame is
         missing or empty; nothing is changed then.
         """
-        names = (self._name(i) for i in range(len(times)))
-        files = ((name, self.path.parent / name) for name in names)
-        missing = [name for name, file in files if not (file.is_file() and file.stat().st_size)]
+        self.times = array("d", times)
+        files = [self.path.parent / self._name(i) for i in range(len(times))]
+        missing = [file for file in files if not (file.is_file() and file.stat().st_size)]
         if missing:
             more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-            what = f"{self.path.parent / missing[0]}{more}"
             remedy = "Restore it, or run the scene again with --overwrite."
-            raise InputError(what, "is missing", remedy=remedy)
-        self.times = array("d", times)
+            raise InputError(f"{missing[0]}{more}", "is missing", remedy=remedy)
         listed = [(self._name(i), t) for i, t in enumerate(self.times)]
         for suffix, encode, _ in LISTS:
             replace_file(self._list(suffix), encode(listed))
@@ -94,6 +92,12 @@ class Frames:
             if file.name >= Path(self._name(len(self.times))).name:
                 with writing(file):
                     file.unlink()
+
+    def remove(self) -> None:
+        """Remove the lists, and then the frames that they named."""
+        for file in reversed(self.files(0)):
+            with writing(file):
+                file.unlink()
 
     def files(self, after: int) -> list[Path]:
         """Return the frames from number `after` on, and the lists."""

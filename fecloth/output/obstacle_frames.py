@@ -89,14 +89,17 @@ class ObstacleFrames:
         replace_file(self.folder / LIST, encode_pvd(self.listed))
         self.last = now
 
-    def keep(self, times: Sequence[float]) -> None:
-        """Continue after the frames of these times; remove what was written later."""
+    def cut(self, times: Sequence[float]) -> None:
+        """Go back to the frames of these times [s], and remove what was written later."""
         for file in _files(self.folder):
             if file.name >= Path(_name(len(times))).name:
                 with writing(file):
                     file.unlink()
         written = [(_name(i), float(t)) for i, t in enumerate(times)]
         self.listed = [(name, t) for name, t in written if (self.folder / name).exists()]
+        if self.listed:
+            replace_file(self.folder / LIST, encode_pvd(self.listed))
+        self.last = read_obstacles(self.folder, len(times) - 1)
 
 
 def _name(number: int) -> str:

@@ -4,10 +4,9 @@ import csv
 import io
 import json
 import math
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -24,22 +23,20 @@ class Table:
     `size` counts the bytes written.
     """
 
-    def __init__(self, path: Path, size: int | None = None):
-        """Open a new table, or an earlier one truncated to its first `size` bytes.
+    def __init__(self, path: Path):
+        """Open a new table, or an earlier one to add rows with the keys of its header.
 
-        The header of an earlier table is read, because further rows must have its keys. Raise
-        `WriteError` if the file cannot be opened.
+        Raise `WriteError` if the file cannot be opened.
         """
         self.path = path
-        self.size = size or 0
         self._header: tuple[str, ...] = ()
         with writing(path):
-            if size:
-                os.truncate(path, size)
+            # Without a buffer the system has each row at once: a killed process loses none.
+            self._stream = path.open("ab", buffering=0)
+            self.size = self._stream.tell()
+            if self.size:
                 with path.open(newline="", encoding="utf-8") as stream:
                     self._header = tuple(next(csv.reader(stream)))
-            # Without a buffer the system has each row at once: a killed process loses none.
-            self._stream = path.open("ab" if size else "wb", buffering=0)
 
     def add(self, row: Mapping[str, object]) -> None:
         """Write one row; the first row of a new table also gives the header.
@@ -64,16 +61,19 @@ class Table:
                     written = self._stream.write(data)
                     data = data[written:]
             except BaseException:  # also a signal in the middle of a row
-                with suppress(OSError):  # the first error is the one to report
+                with suppress(WriteError):  # the first error is the one to report
                     self.cut(self.size)
                 raise
         self._header = header
         self.size = self._stream.tell()
 
     def cut(self, size: int) -> None:
-        """Remove the bytes beyond the first `size`."""
-        self._stream.truncate(size)
-        self._stream.seek(size)
+        """Remove the bytes beyond the first `size`. Raise `InputError` if there are fewer."""
+        if size > self.size:
+            remedy = "Run the scene again with --overwrite."
+            raise InputError(f"{self.path} has lost rows", remedy=remedy)
+        with writing(self.path):
+            self._stream.truncate(size)
         self.size = size
 
     def column(self, name: str) -> list[float]:
@@ -88,19 +88,28 @@ class Table:
 
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
-PAGES = ("report.html", "view.html")
-TEXTS = ("summary.json", "scene.resolved.toml", "run.log", *PAGES, "run.vtkhdf")
-FRAMES = ("frame_", "obstacles_")  # how the names of the files in frames/ begin
-LISTS = ("*.pvd", "*.vtu.series")  # a run's folder is cleared of such lists of these files only
-
-
-class FolderMoved(WriteError):
-    """The folder of a run is no longer where it was made."""
+# Patterns of the files that fecloth writes into the folder of a run. The tables are the last:
+# `RunFolder.refuse` knows the folder by them, so an interrupted removal can be repeated.
+FILES = (
+    "run.pvd",
+    "run.vtu.series",
+    "run.vtkhdf",
+    "obstacles.pvd",
+    "frames/frame_*.vtu",
+    "frames/obstacles_*.vtu",
+    "restart/restart_*.npz",
+    "report.html",
+    "view.html",
+    "summary.json",
+    "run.log",
+    "scene.resolved.toml",
+    *TABLES,
+)
 
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Where one run writes; made by `create`.
+    """Where one run writes; a new one is made by `create`.
 
     Each row and each line is handed to the operating system at once, and whole files are
     replaced in one go: a killed process loses nothing. After a power cut only what restart
@@ -108,53 +117,27 @@ class RunFolder:
     """
 
     path: Path
-    sizes: Mapping[str, int] = field(default_factory=dict)
-    inode: int | None = None
 
     def check_in_place(self) -> None:
-        """Raise `FolderMoved` if the path no longer leads to the folder that was opened.
-
-        The folder is known by its inode, a number that it keeps when it is moved.
-        """
-        try:
-            inode_now = self.path.stat().st_ino
-        except OSError:
-            inode_now = -1  # no folder is there
-        if self.inode not in (None, inode_now):
+        """Raise `WriteError` if the folder is no longer there."""
+        if not self.path.is_dir():
             remedy = (
                 "What was written is in it under its new name, where --resume continues the run."
             )
-            raise FolderMoved(f"{self.path} was moved or removed during the run", remedy=remedy)
+            raise WriteError(f"{self.path} was moved or removed during the run", remedy=remedy)
 
     @classmethod
     def create(cls, path: str | Path, overwrite: bool = False) -> "RunFolder":
         """Make an empty folder, or with `overwrite` clear an earlier run's files out of one.
 
-        Only what fecloth writes into a run's folder is removed: frames, the lists that name
-        them, tables, summary, resolved scene and log.
+        Only what fecloth writes into a run's folder is removed: `FILES`.
         """
         path = Path(path)
         cls.refuse(path, overwrite)
         with writing(path):
             path.mkdir(parents=True, exist_ok=True)
             _clear(path)
-            return cls(path, inode=path.stat().st_ino)
-
-    @classmethod
-    def reopen(cls, path: str | Path, tables: Mapping[str, int]) -> "RunFolder":
-        """Return the folder of a run to continue.
-
-        `tables` has the name of each table and its number of bytes, to which `table` cuts it.
-        Raise `InputError` for a table that is shorter, and `WriteError` for one that is missing.
-        """
-        folder = cls(Path(path), dict(tables))
-        for name, size in tables.items():
-            file = folder.path / f"{name}.csv"
-            with writing(file):
-                if file.stat().st_size < size:
-                    what = f"{file} has lost rows"
-                    raise InputError(what, remedy="Run the scene again with --overwrite.")
-        return replace(folder, inode=folder.path.stat().st_ino)
+        return cls(path)
 
     @staticmethod
     def refuse(path: str | Path, overwrite: bool = False) -> None:
@@ -180,11 +163,8 @@ class RunFolder:
                 raise InputError(what, "contains other files than a run's", remedy=remedy)
 
     def table(self, name: str) -> Table:
-        """Open a table, e.g. "steps.csv", with the keys of its first row as header.
-
-        It is empty; in a continued run it has its earlier rows.
-        """
-        return Table(self.path / name, self.sizes.get(Path(name).stem))
+        """Open a table, e.g. "steps.csv"; in a continued run it has its earlier rows."""
+        return Table(self.path / name)
 
     def summary(self, values: Mapping) -> None:
         """Replace summary.json; arrays become lists and numbers that are not finite null."""
@@ -221,34 +201,14 @@ def remove_on_failure(path: Path, is_new: bool) -> Iterator[None]:
         raise
 
 
-def _clear(path):
-    """Remove a run's files from a folder, and its folders of frames and restarts if empty."""
-    for file in _files_of_run(path):
-        file.unlink()
-    for inner in (path / "frames", path / "restart"):
-        if inner.is_dir() and not inner.is_symlink() and not any(inner.iterdir()):
-            inner.rmdir()
-
-
-def _files_of_run(path):
-    """Yield the files that fecloth wrote into a run's folder, also half written ones (.part).
-
-    The tables are the last: `RunFolder.refuse` knows a run's folder by them, so a removal that
-    is interrupted can be repeated.
-    """
-    for pattern in LISTS:
+def _clear(path: Path) -> None:
+    """Remove a run's files from a folder, also half written ones, and its inner folders."""
+    for pattern in FILES:
         for file in [*path.glob(pattern), *path.glob(f"{pattern}.part")]:
-            content = file.read_bytes()
-            # Only a list that names frames of a run: the user's own lists stay.
-            if any(f'"frames/{name}'.encode() in content for name in FRAMES):
-                yield file
-    for name in FRAMES:
-        for suffix in ("vtu", "vtu.part"):
-            yield from (path / "frames").glob(f"{name}*.{suffix}")
-    for pattern in ("restart_*.npz", "restart_*.npz.part"):
-        yield from (path / "restart").glob(pattern)
-    for name in (*TEXTS, *TABLES):
-        yield from (file for file in (path / name, path / f"{name}.part") if file.is_file())
+            file.unlink()
+    for inner in ("frames", "restart"):
+        with suppress(OSError):  # it is not there, or holds files of the user
+            (path / inner).rmdir()
 
 
 def _plain(value):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from fecloth.errors import FeclothError, amount
 from fecloth.output.atomic_files import WriteError
-from fecloth.runs.folder import FolderMoved
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.run import Result
 from fecloth.system.system import System
@@ -142,25 +141,15 @@ def failure_message(outcome: SceneResult) -> str:
     it would fail again at the same step, so that no restart is offered.
     """
     folder = outcome.folder
-    t = outcome.summary["t"]
     unit = outcome.summary["unit"]
-    readable = f"{folder} is readable up to {place_in_words(t, unit)}"
-    again = f"--resume {folder} goes on from"
-    if isinstance(outcome.error, FolderMoved):  # nothing is readable at this path
-        return f"failed: {outcome.error}"
-    if outcome.error and not isinstance(outcome.error, WriteError):
-        return f"failed: {outcome.error}\n{readable}{warning_count(outcome)}"
-    if outcome.resumes is None:
-        advice = "no restart file was written; set restart_steps in [output] to have them"
-    elif outcome.error:
-        advice = f"{again} its last restart file, at {place_in_words(outcome.resumes, unit)}"
-    elif outcome.resumes < t:
-        place = place_in_words(outcome.resumes, unit)
-        advice = f"{again} {place}, the last restart that continues bit for bit"
-    else:
-        advice = f"{again} there"
     cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "
-    return f"{cause}{readable}; {advice}{warning_count(outcome)}"
+    words = f"{cause}{folder} is readable up to {place_in_words(outcome.summary['t'], unit)}"
+    if not outcome.error or isinstance(outcome.error, WriteError):
+        if outcome.resumes is None:
+            words += "; no restart file was written; restart_steps in [output] writes some"
+        else:
+            words += f"; --resume {folder} goes on from {place_in_words(outcome.resumes, unit)}"
+    return words + warning_count(outcome)
 
 
 def ledger_text(ledger: Ledger, unit: str = " s") -> str:

@@ -1,6 +1,5 @@
 """The recording of a running scene: each step is in all of its files or in none."""
 
-import math
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
@@ -37,39 +36,6 @@ _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 # tenth of the time of these steps.
 STEPS_BETWEEN_COUNTS = {True: 150, False: 6}
 LAST = (Solves, Shapes)  # in this order in the log and among the warnings
-ORDER = (  # of the keys of summary.json; keys of other accounts follow
-    "status",
-    "error",
-    "warnings",
-    "warning",
-    "doubts",
-    "t",
-    "t_end",
-    "unit",
-    "time_error",
-    "time_error_in_words",
-    "least_eigenvalue",
-    "space_error",
-    "space_error_in_words",
-    "contact_in_words",
-    "nodes",
-    "triangles",
-    "free_dofs",
-    "method",
-    "steps",
-    *SUMMED,
-    "newton_error_in_words",
-    "least_stretch",
-    "largest_stretch",
-    "inverted_triangles",
-    "intersecting_pairs",
-    "frames",
-    "open",
-    "solver",
-    "threads",
-    "seconds",
-    "ledger",
-)
 
 
 class Recorder:
@@ -124,7 +90,7 @@ class Recorder:
             else:
                 self.progress = self._begin()
                 if problem.output.restarts:
-                    self.restart(regular=True)
+                    self.restart(is_asked=True)
 
     def _begin(self) -> Progress:
         """Write the first frame and the first rows of a new run; return its progress.
@@ -144,44 +110,38 @@ class Recorder:
         return self._progress(problem.start, memory, accounts)
 
     def _progress(self, state, memory, accounts: Accounts, doubts=(), wanted=None) -> Progress:
-        """Return the progress after a step, with the sizes that the files have now."""
-        frames = len(self.files.frames.times)
-        sizes = self.files.sizes
-        return Progress(state, memory, accounts, doubts, wanted, frames, sizes)
+        """Return the progress after a step, with the sizes that the tables have now."""
+        return Progress(state, memory, accounts, doubts, wanted, tables=self.files.sizes)
 
     def _resume(self, earlier: Restart) -> None:
         """Remove what the run wrote after its restart file; log from where it goes on."""
-        self.files.keep()
-        restarts.drop_later(self.folder.path, earlier)
-        if earlier.exact:
-            exactly = ""
-        else:
-            exactly = ", exact to the solver's tolerance only: a factor was lost"
+        self.files.cut(self.progress)
         at = place_in_words(self.progress.state.t, self.problem.unit)
-        self.folder.log(f"goes on from step {self.progress.memory.step} at {at}{exactly}")
+        self.folder.log(f"goes on from step {self.progress.memory.step} at {at}")
         if differences := restarts.differences(earlier):
             self.folder.log(f"the last bits may differ: {differences}")
 
-    def restart(self, regular: bool = False) -> None:
+    def restart(self, is_asked: bool = False) -> None:
         """Write a restart file.
 
-        A `regular` one, which the scene asks for, first drops the factor that the solver holds.
-        So the unbroken run goes on without it, as a continued run does, and both agree bit for
-        bit. Any other one is exact only if the solver holds nothing.
+        One that the scene asks for first drops the factor that the solver holds. So the unbroken
+        run goes on without it, as a continued run does, and both agree bit for bit. Any other
+        one would not be exact while the solver holds a factor. Then it is written only if the
+        scene asks for none, so that there is no exact one to continue from.
         """
-        self.folder.check_in_place()
-        if regular:
+        if is_asked:
             self.solver.drop()
-        restart = Restart(
-            scene=self.scene,
-            start=self.start,
-            method=str(self.problem.method),
-            progress=self.progress,
-            exact=regular or not self.solver.keeps_state,
-            made_on=restarts.machine(),
+        elif self.problem.output.restarts and self.solver.keeps_state:
+            return
+        self.files.commit(
+            Restart(
+                scene=self.scene,
+                start=self.start,
+                method=str(self.problem.method),
+                progress=self.progress,
+                made_on=restarts.machine(),
+            )
         )
-        self.files.flush()  # `write` flushes the folder of the run
-        restarts.write(self.folder.path, restart)
 
     def march(self, report, warn, interrupted: threading.Event) -> FeclothError | None:
         """Take and record all steps; return the error that ended them early, or None.
@@ -232,7 +192,7 @@ class Recorder:
                 self._record_step(record)
                 self._warn(self.progress.accounts, warn)
                 if is_restart_due := self._is_restart_due(info):
-                    self.restart(regular=True)
+                    self.restart(is_asked=True)
             report(info)
             if interrupted.is_set():
                 if not is_restart_due:  # else this step has its restart file already
@@ -265,7 +225,8 @@ class Recorder:
             )
         except BaseException:
             self.progress = before
-            self.files.cut(before)
+            with suppress(InputError):  # the first error is the one to report
+                self.files.cut(before)
             raise
 
     def _write_frame(
@@ -348,6 +309,7 @@ class Recorder:
             accounts = self.progress.accounts.finish(self.run, end)
         self._warn(accounts, warn)
         summary = self._summarise(status, why, str(error) if error else None, accounts)
+        tables = {name: read_table(table.path) for name, table in self.files.tables.items()}
         place = place_in_words(state.t, self.problem.unit)
         words = f"{status} at {place} after {amount(steps, 'step')}"
         resumes: float | None = None  # without a restart file
@@ -358,13 +320,12 @@ class Recorder:
         try:
             for line in (*accounts.words(), f"{words}: {error}" if error else words):
                 self.folder.log(line)
-            self._report(summary)
-            self.folder.summary(summary)  # `--resume` writes all of this if it is missing
-            self.files.remove_gathered()
+            self._report(summary, tables)
+            self.folder.summary(summary)
         except InputError as disk_error:
             status = FAILED
             error = error or disk_error
-        return self._make_result(status, summary, accounts, error, resumes)
+        return self._make_result(status, summary, tables, accounts, error, resumes)
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
@@ -372,13 +333,13 @@ class Recorder:
         return (*self.doubts_before_run, *self.progress.doubts)
 
     def _summarise(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
-        """Return the content of summary.json, its keys in the order of `ORDER`.
+        """Return the content of summary.json.
 
         `failure` is the message of the error that ended the run; `why` is the reason for the
         choice of the solver.
         """
         warnings = list(in_words(self.doubts))
-        values = {
+        return {
             "status": status,
             "error": failure,
             "warnings": warnings,
@@ -387,6 +348,7 @@ class Recorder:
             "t": self.progress.state.t,
             "t_end": self.problem.t_end,
             "unit": self.problem.unit,
+            **accounts.summary(),
             **outcome.count_sizes(self.problem.system),
             "method": str(self.problem.method),
             "frames": len(self.files.frames.times),
@@ -397,27 +359,25 @@ class Recorder:
             "peak_memory_MB": peak_memory(),
             **self.problem.system.usage(),
             "versions": versions(),
-            **accounts.summary(),
         }
-        return {key: values[key] for key in ORDER if key in values} | values
 
-    def _report(self, summary: dict) -> None:
+    def _report(self, summary: dict, tables: dict) -> None:
         """Write report.html; if that fails, log why."""
         try:
-            frame = self.files.shown_at(self.progress.state)
-            write_report(self.folder.path, summary, frame, self.files.obstacles.last)
+            frame = self.files.frame(self.progress.state, self.progress.memory)
+            write_report(self.folder.path, summary, tables, frame, self.files.obstacles.last)
         except Exception as failure:  # no error of a page may lose the result
             self.folder.log(f"warning: no report: {failure}")
 
-    def _make_result(self, status: str, summary: dict, accounts: Accounts, error, resumes):
-        """Return the `SceneResult`, with the energies and observed columns from their files."""
-        files = (self.files.tables[name].path for name in ("energies", "observed"))
-        energies, observed = (read_table(file, math.inf) for file in files)
-        times = energies.pop("t", np.empty(0))
-        observed.pop("t", None)
+    def _make_result(
+        self, status: str, summary: dict, tables: dict, accounts: Accounts, error, resumes
+    ):
+        """Return the `SceneResult`, with the energies and observed columns of the tables."""
+        energies = {name: y for name, y in tables["energies"].items() if name != "t"}
+        observed = {name: y for name, y in tables["observed"].items() if name != "t"}
         return SceneResult(
             state=self.progress.state,
-            times=times,
+            times=tables["energies"].get("t", np.empty(0)),
             energies=energies,
             observed=observed,
             seconds=summary["seconds"],

@@ -2,8 +2,7 @@
 
 A record is a frozen dataclass, marked with `remembered`, of numbers, texts, arrays, mappings,
 tuples and records. Its arrays are members of the .npz; all else is in a JSON header, whose
-numbers read back as the same float64. Reading is strict: a file with a missing or an unknown
-part is refused.
+numbers read back as the same float64.
 """
 
 import hashlib
@@ -18,11 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError
 from fecloth.linalg.mkl_pardiso import threads
 from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 from fecloth.runs.environment import versions
-from fecloth.runs.outcome import DONE
 from fecloth.scene.toml_text import flatten
 from fecloth.simulation.account import Accounts
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
@@ -31,7 +29,7 @@ from fecloth.simulation.steps import Memory
 from fecloth.system.state import State
 from fecloth.terms.records import RECORDS, remembered
 
-FORMAT = 11  # of the files: another number for other fields of a record
+FORMAT = 12  # of the files: another number for other fields of a record
 FOLDER = "restart"
 PATTERN = "restart_*.npz"
 FILES_KEPT = 2  # so that a run can continue where the newest file cannot be read
@@ -51,8 +49,6 @@ class Progress:
         The doubts since the first step.
     wanted
         The next step to record; None: each.
-    frames
-        Number of frames.
     tables
         Number of bytes of each table.
     """
@@ -62,7 +58,6 @@ class Progress:
     accounts: Accounts
     doubts: tuple[Doubt, ...]
     wanted: Wanted | None
-    frames: int
     tables: Mapping[str, int]
 
 
@@ -81,9 +76,6 @@ class Restart:
         The method that takes the steps, as text; for "auto" the chosen one.
     progress
         The run between two steps.
-    exact
-        Whether a run continued from it equals the unbroken run bit for bit: the solver held no
-        factor, or dropped it here.
     made_on
         Versions and threads.
     """
@@ -92,7 +84,6 @@ class Restart:
     start: str
     method: str
     progress: Progress
-    exact: bool
     made_on: Mapping[str, str]
 
 
@@ -103,7 +94,7 @@ def write(folder: Path, restart: Restart) -> Path:
     removed, so that a power cut leaves one. Raise `WriteError` if the disk refuses it, and
     `InputError` for a value that no restart file can hold.
     """
-    path = folder / FOLDER / f"restart_{restart.progress.memory.step:09d}.npz"
+    path = path_of(folder, restart.progress)
     arrays: list[np.ndarray] = []
     header = json.dumps({"format": FORMAT, "run": _pack(restart, arrays)})
     stream = io.BytesIO()
@@ -117,6 +108,11 @@ def write(folder: Path, restart: Restart) -> Path:
     return path
 
 
+def path_of(folder: Path, progress: Progress) -> Path:
+    """Return the path of the restart file after a step, in the folder of its run."""
+    return folder / FOLDER / f"restart_{progress.memory.step:09d}.npz"
+
+
 def files(folder: Path) -> list[Path]:
     """Return the restart files of a run's folder, the newest first."""
     return sorted((folder / FOLDER).glob(PATTERN), reverse=True)
@@ -125,48 +121,24 @@ def files(folder: Path) -> list[Path]:
 def read(path: Path) -> Restart:
     """Return the restart of one file.
 
-    Raise `InputError` for a file that cannot be read, has another format, or holds anything but
-    a restart with finite numbers.
+    Raise `InputError` for a file that cannot be read, has another format, or is no restart.
     """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             members = {name: file[name] for name in file.files}
         header = json.loads(members.pop("header").tobytes())
         arrays = [members.pop(f"array_{i}") for i in range(len(members))]
-        if header.keys() != {"format", "run"} or header["format"] != FORMAT:
-            words = f"it has format {header.get('format')}, and this fecloth reads {FORMAT}"
+        if header["format"] != FORMAT:
+            words = f"it has format {header['format']}, and this fecloth reads {FORMAT}"
             raise ValueError(f"{words}; the fecloth that wrote it can resume the run")
         restart = _unpack(header["run"], arrays)
-        _check(restart, arrays)
+        if not isinstance(restart, Restart):
+            raise ValueError("it is no restart of a run")
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         what = f"cannot be read ({error})"
         remedy = "Remove this file to resume from another one."
         raise InputError(what, where=str(path), remedy=remedy) from error
     return restart
-
-
-def _check(restart, arrays) -> None:
-    """Raise `ValueError` unless this is a restart with finite times and arrays of float64.
-
-    `arrays` are all its arrays. They must have the shape (n, 3) of the positions; only the
-    arrays that terms remember may have any shape.
-    """
-    if not isinstance(restart, Restart):
-        raise ValueError("it is no restart of a run")
-    state = restart.progress.state
-    memory = restart.progress.memory
-    for name, t in (("t", state.t), ("the first t", memory.start)):
-        if not is_number(t):
-            raise ValueError(f"{name} = {t!r} is not finite")
-    shape = state.x.shape
-    arrays_of_terms: list[np.ndarray] = []
-    _pack(memory.term_history, arrays_of_terms)  # only to collect the arrays
-    of_any_shape = {id(array) for array in arrays_of_terms}
-    for array in arrays:
-        if array.dtype != np.float64 or not np.isfinite(array).all():
-            raise ValueError("an array is not finite, or not float64")
-        if array.shape != shape and id(array) not in of_any_shape:
-            raise ValueError(f"an array is not of shape {shape}")
 
 
 def _pack(value, arrays: list):
@@ -208,57 +180,29 @@ def _unpack(value, arrays: list):
         return value
     match value:
         case {"array": int(number)}:
-            # `index` refuses a number that is negative or too large.
-            return arrays[range(len(arrays)).index(number)]
+            return arrays[number]
         case {"doubt": str(name)}:
             return DoubtKind(name)
         case {"mapping": dict(items)}:
             return {key: _unpack(item, arrays) for key, item in items.items()}
         case {"record": str(name), "fields": dict(values)}:
-            if values.keys() != {field.name for field in fields(RECORDS[name])}:
-                raise ValueError(f"a {name} has other fields")
             return RECORDS[name](**{key: _unpack(item, arrays) for key, item in values.items()})
     raise ValueError("its header has an unknown part")
 
 
 def find(folder: Path) -> Restart:
-    """Return the newest readable restart of a run's folder, an exact one if there is any.
+    """Return the newest readable restart of a run's folder.
 
     Raise `InputError` if there is no restart file, or none that can be read.
     """
-    restarts = []
-    first_error = None
+    remedy = "restart_steps in [output] writes some; -o names the folder of a new run."
+    error = InputError(f"--resume {folder}", "there is no restart file", remedy=remedy)
     for path in files(folder):
         try:
-            restarts.append(read(path))
-        except InputError as error:
-            first_error = first_error or error
-    if not restarts and first_error:
-        raise first_error
-    if not restarts:
-        raise _missing_restart_error(folder)
-    return next((restart for restart in restarts if restart.exact), restarts[0])
-
-
-def _missing_restart_error(folder: Path) -> InputError:
-    """Return the error for a folder without a restart file; it says what to do there."""
-    if not folder.is_dir():
-        remedy = "Give the folder of a run; -o names the folder of a new run."
-        return InputError(f"--resume {folder}", "there is no such folder", remedy=remedy)
-    remedy = "Run it again with --overwrite; restart_steps in [output] writes restart files."
-    summary = _summary(folder)
-    if summary.get("status") == DONE:
-        words = f"the run in {folder} is complete up to t = {summary['t']:g} s"
-        return InputError(words, "there is no restart file to continue from", remedy=remedy)
-    return InputError(f"{folder} has no restart file", remedy=remedy)
-
-
-def drop_later(folder: Path, restart: Restart) -> None:
-    """Remove the files of later steps, which the run will write again."""
-    for path in files(folder):
-        if path.name > f"restart_{restart.progress.memory.step:09d}.npz":
-            with writing(path):
-                path.unlink()
+            return read(path)
+        except InputError as unreadable:
+            error = unreadable
+    raise error
 
 
 def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> None:
@@ -266,9 +210,8 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
 
     `scene` is the resolved scene as TOML, `start` the `digest` of its mesh and start, and
     `folder` the folder of the run. The scene must be the one of the run, and the message names
-    the keys that differ. `time.t_end` may differ, and so may the keys that do not change a
-    motion (`FREE`). But the run must not be complete: it must have steps left, or its last
-    summary.json still to write.
+    the keys that differ. The keys that do not change a motion (`FREE`) may differ, and so may
+    `time.t_end`, but the run must not be beyond it.
     """
     values_then = flatten(tomllib.loads(restart.scene))
     values_now = flatten(tomllib.loads(scene))
@@ -286,26 +229,10 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
         allowed = "the mesh or the frame of the start has changed"
         raise InputError(f"{folder} has another start", allowed)
     t = restart.progress.state.t
-    t_end = values_now.get("time.t_end", 1.0)  # a static scene ends at 1: all the loads
-    summary = _summary(folder)  # empty if the run was killed before it wrote its end
-    has_summary_of_end = summary.get("t") == t and summary.get("status") == DONE
-    if t > t_end or (t == t_end and has_summary_of_end):
-        if "time.t_end" not in values_now:
-            raise InputError(f"the run in {folder} is complete", "nothing is left to do")
+    t_end = values_now.get("time.t_end", t)  # a static scene always ends at all the loads
+    if t > t_end:
         allowed = f"the run in {folder} has already reached {t:g} s"
-        remedy = "To continue beyond its end, raise it: --set time.t_end=..."
-        raise InputError(f"time.t_end = {t_end}", allowed, remedy=remedy)
-
-
-def _summary(folder: Path) -> dict:
-    """Return the content of summary.json, empty if there is none."""
-    try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    if isinstance(summary, dict):
-        return summary
-    return {}
+        raise InputError(f"time.t_end = {t_end}", allowed)
 
 
 def digest(cloth, state: State) -> str:

@@ -14,14 +14,13 @@ from fecloth.output.frames import Frames
 from fecloth.output.obstacle_frames import ObstacleFrames
 from fecloth.output.vtkhdf_writer import gather
 from fecloth.output.vtu_writer import Arrays
+from fecloth.runs import restart as restarts
 from fecloth.runs.folder import RunFolder
-from fecloth.runs.restart import Progress
+from fecloth.runs.restart import Progress, Restart
 from fecloth.scene.problem import Problem
 from fecloth.simulation.steps import Memory
 from fecloth.system.state import State
-from fecloth.view.web_page import keep_shown
 
-GATHERED = "run.vtkhdf"
 TABLES = ("steps", "energies", "observed", "strains")
 MOST_FRAMES = 100_000  # of a run: more are taken for a mistake
 _FEWER = "Raise every, or lower frames, in [output]."
@@ -34,8 +33,8 @@ class RunFiles:
     ----------
     opens
         The file to open in ParaView.
-    shown
-        The last frame that was written; None before the first one.
+    gathered
+        The file of all frames of a complete run, if the scene asks for it.
     on_disk
         Number of the frames that would survive a power cut.
     """
@@ -45,70 +44,71 @@ class RunFiles:
         self.problem = problem
         self.frames = Frames(folder.path / "run", problem.cloth, problem.system)
         self.opens = self.frames.opens
+        self.gathered = folder.path / "run.vtkhdf"
         self.obstacles = ObstacleFrames(folder.path, problem.system, problem.start.x)
         self.tables = {name: folder.table(f"{name}.csv") for name in TABLES}
-        self.shown: Frame | None = None
         self.on_disk = 0
-
-    def keep(self) -> None:
-        """Continue after the frames of the rows in strains.csv; remove later ones."""
-        if (self.folder.path / GATHERED).exists() and not self.opens.exists():
-            self._scatter()
-        self.frames.keep(self.tables["strains"].column("t"))
-        self.on_disk = len(self.frames.times)
-        self.obstacles.keep(self.frames.times)
 
     @property
     def sizes(self) -> dict[str, int]:
         """Number of bytes of each table."""
         return {name: table.size for name, table in self.tables.items()}
 
+    def commit(self, restart: Restart) -> None:
+        """Write a restart file, when all that it needs would survive a power cut."""
+        self.folder.check_in_place()
+        frames = self.frames.files(self.on_disk)
+        flush_to_disk(*(table.path for table in self.tables.values()), *frames)
+        flush_to_disk(*{file.parent for file in frames} - {self.folder.path})
+        self.on_disk = len(self.frames.times)
+        restarts.write(self.folder.path, restart)  # flushes the folder of the run, too
+
     def cut(self, progress: Progress) -> None:
-        """Remove the rows and frames that were written since."""
-        del self.frames.times[progress.frames :]
+        """Go back to a progress: remove the rows, frames and restart files that came after it.
+
+        Raise `InputError` if rows or frames before it were lost, and `WriteError` if the system
+        refuses the change.
+        """
+        if self.gathered.exists():
+            self._scatter()
         for name, size in progress.tables.items():
             self.tables[name].cut(size)
+        self.frames.cut(self.tables["strains"].column("t"))  # it has a row for each frame
+        self.obstacles.cut(self.frames.times)
+        self.on_disk = min(self.on_disk, len(self.frames.times))
+        last_restart = restarts.path_of(self.folder.path, progress)
+        for path in restarts.files(self.folder.path):
+            if path.name > last_restart.name:
+                with writing(path):
+                    path.unlink()
 
     def add_rows(self, rows: Mapping[str, Mapping[str, object]]) -> None:
         """Write a row of some tables."""
         for name, row in rows.items():
             self.tables[name].add(row)
 
-    def add_frame(self, state: State, memory: Memory | None) -> Arrays:
-        """Write the state as a frame, with what terms remember, and return its cell data.
-
-        Also write the obstacles at that time, and keep the frame as `shown`. Raise `FolderMoved`
-        if the folder has moved, and `InputError` for more than `MOST_FRAMES` frames.
-        """
-        self.folder.check_in_place()
-        if len(self.frames.times) >= MOST_FRAMES:
-            raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=_FEWER)
+    def frame(self, state: State, memory: Memory | None) -> Frame:
+        """Return the frame of a state, with what terms remember."""
         problem = self.problem
         history = memory.term_history if memory else None
         history = history or problem.system.start_history(state)
         system = problem.system.with_history(history)
         points, cells = fields(system, state, problem.output.error_density)
-        self.obstacles.add(len(self.frames.times), state)
-        self.frames.add(state, (points, cells))
-        self.shown = keep_shown(Frame(state.t, state.x, problem.cloth.cells, points, cells))
-        return cells
+        return Frame(state.t, state.x, problem.cloth.cells, points, cells)
 
-    def shown_at(self, state: State) -> Frame:
-        """Return the frame of a state: the last one written, or one for this."""
-        if self.shown is not None and self.shown.points is state.x:
-            return self.shown
-        system = self.problem.system
-        return Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
+    def add_frame(self, state: State, memory: Memory | None) -> Arrays:
+        """Write the state as a frame, with what terms remember, and return its cell data.
 
-    def flush(self) -> None:
-        """Hand the tables and new frames to the disk, so that they survive a power cut.
-
-        Their folders, too, but not the folder of the run itself: `restart.write` does that.
+        Also write the obstacles at that time. Raise `WriteError` if the folder has moved, and
+        `InputError` for more than `MOST_FRAMES` frames.
         """
-        frames = self.frames.files(self.on_disk)
-        flush_to_disk(*(table.path for table in self.tables.values()), *frames)
-        flush_to_disk(*{file.parent for file in frames} - {self.folder.path})
-        self.on_disk = len(self.frames.times)
+        self.folder.check_in_place()
+        if len(self.frames.times) >= MOST_FRAMES:
+            raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=_FEWER)
+        frame = self.frame(state, memory)
+        self.obstacles.add(len(self.frames.times), state)
+        self.frames.add(state, (frame.point_data, frame.cell_data))
+        return frame.cell_data
 
     def _scatter(self) -> None:
         """Write single frames from the file that a complete run gathered, and remove that file.
@@ -120,21 +120,15 @@ class RunFiles:
             frame = series.read(i)
             state = State(frame.t, frame.points, frame.point_data["velocity"])
             self.frames.add(state, (frame.point_data, frame.cell_data))
-        (self.folder.path / GATHERED).unlink()
+        self.gathered.unlink()
 
     def gather(self) -> None:
-        """Write the frames of a whole run into one file, if the scene asks for it."""
+        """Put the frames of a whole run into one file, if the scene asks for it."""
         if self.problem.output.format == "vtkhdf":
-            self.opens = gather(Series.open(self.folder.path), self.folder.path / GATHERED)
-
-    def remove_gathered(self) -> None:
-        """Remove the frames, first the lists of them, if they are in one file."""
-        if self.opens != self.frames.opens:
-            for file in reversed(self.frames.files(0)):
-                with writing(file):
-                    file.unlink()
-        with suppress(OSError):  # it holds frames, or obstacles
-            (self.folder.path / "frames").rmdir()
+            self.opens = gather(Series.open(self.folder.path), self.gathered)
+            self.frames.remove()
+            with suppress(OSError):  # it holds obstacles
+                (self.folder.path / "frames").rmdir()
 
     def close(self) -> None:
         """Close the tables."""

@@ -128,7 +128,7 @@ def _run_scene(
         # Within this block an error leaves no files of a new run.
         with ExitStack() as clean_up:
             if earlier:
-                folder = RunFolder.reopen(path, earlier.progress.tables)
+                folder = RunFolder(path)
             else:
                 folder = RunFolder.create(path, overwrite)
                 clean_up.enter_context(remove_on_failure(path, is_new=not existed))

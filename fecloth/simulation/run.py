@@ -186,7 +186,7 @@ class Result:
         return f"<Result of {steps} of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
 
     def _repr_html_(self) -> str:
-        from fecloth.view.svg_chart import result_figures  # not needed to run
+        from fecloth.view.charts import result_figures  # not needed to run
 
         return result_figures(repr(self), self.times, self.energies, self.observed)
 

@@ -10,6 +10,7 @@ from .comparison import Comparison, Difference
 from .convergence import Convergence
 from .converging import converge
 from .figures import COLOURS, MARKERS, line_style, mark_failures, new_figure
+from .fitting.file import fit
 from .fronts.front import front
 from .fronts.result import Front
 from .overlay import Overlay, compare_runs
@@ -51,6 +52,7 @@ __all__ = [
     "compare_runs",
     "converge",
     "estimate_uncertainty",
+    "fit",
     "front",
     "line_style",
     "mark_failures",

@@ -9,7 +9,7 @@ import numpy as np
 
 from fecloth.mesh.grading import Grading
 from fecloth.simulation.doubts.doubt import Doubt
-from fecloth.study.figures import labelled, line_style, new_figure, use_plain_ticks
+from fecloth.study.figures import Figure, labelled, line_style, new_figure, use_plain_ticks
 from fecloth.study.result import UNITS, StudyResult, in_percent
 from fecloth.study.uncertainty import Estimate
 
@@ -102,7 +102,7 @@ class Convergence(StudyResult):
             lines.append(f"Estimated parts of the error: {', '.join(parts)}.")
         return [*lines, *self.remarks]
 
-    def figure(self):
+    def figure(self) -> Figure:
         """Return the errors of the levels with the theoretical slope, and beside it the values.
 
         Both are over h or, if only the step was refined, over dt. Levels without a value are

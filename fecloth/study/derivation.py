@@ -10,19 +10,16 @@ import numpy as np
 
 from fecloth.integrators.derivatives import DerivedStep, StepTangents, derive_step
 from fecloth.integrators.protocol import chooses_method, has_symmetric_matrix, method_of
+from fecloth.integrators.step import Step
 from fecloth.nonlinear.along import Along, Sides
-from fecloth.nonlinear.increment_derivatives import StaticTangent, derive_increment
-from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
 from fecloth.simulation.derived_loads import DerivedLoads
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.equilibrium import Equilibrium, equilibrium
+from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.run import columns
 from fecloth.simulation.setup import Setup
-from fecloth.simulation.steps import StepInfo
 from fecloth.study.parameters import Parameter
 from fecloth.system.state import State
-from fecloth.system.system import System
 from fecloth.terms import records
 from fecloth.terms.traits import parameters_of
 
@@ -33,7 +30,6 @@ MOVED_NODES = 1e-5
 # less than round-off allows.
 REST_TOLERANCE = 0.05
 LEAST_REST_TOLERANCE = 1e-8
-POLISHING_STEPS = 2  # Newton steps with one K, from an equilibrium that was found to round-off
 # The change of a parameter for central differences, over its width.
 LARGEST_CHANGE = 1e-4
 LEAST_CHANGE = 1e-9
@@ -48,7 +44,7 @@ class Recorded:
     Attributes
     ----------
     whole
-        Whether the rows of each step, not only of both ends.
+        Whether the rows of the start and of each step, not only of the end.
     flows
         Whether dissipation and work are among the columns, for which the ledger is derived.
     only_start
@@ -74,6 +70,9 @@ class Follower:
         The setup that runs.
     recorded
         Which rows are derived.
+    farthest
+        How far a difference may move nodes, over the edge length or a gap: its relative error
+        is about the square.
     setups_by_size
         The setups at p + size and p − size, by the size.
     start
@@ -90,6 +89,7 @@ class Follower:
     setup_at: Callable[[float], Setup]
     base: Setup
     recorded: Recorded
+    farthest: float
     setups_by_size: dict[float, list[Setup]] = field(default_factory=dict)
     start: Along = field(init=False)
     along: Along = field(init=False)
@@ -97,7 +97,7 @@ class Follower:
     flows: Any = None
 
     def __post_init__(self) -> None:
-        """Derive the start, its ledger and its row, by central differences."""
+        """Derive the start, and what is recorded there, by central differences."""
         larger, smaller = self._setups_at(LARGEST_CHANGE)
         width = 2 * LARGEST_CHANGE
         no_memories = (None, None)  # a method remembers nothing before its first step
@@ -107,23 +107,25 @@ class Follower:
         )
         self.start = Along.between(larger.start, smaller.start, width, no_memories, histories)
         self.along = self.start
-        self.flows = records.slope(larger.ledger, smaller.ledger, width)
-        self._add_row(larger.row(), smaller.row(), LARGEST_CHANGE)
+        if self.recorded.flows:
+            self.flows = records.slope(larger.ledger, smaller.ledger, width)
+        if self.recorded.whole:
+            self._add_row(larger.row(), smaller.row(), LARGEST_CHANGE)
 
     @cached_property
     def slopes(self) -> dict[str, np.ndarray]:
-        """Column → (s + 1,) derivatives of what the run has recorded, after its end."""
+        """Column → derivatives of the rows that the run has recorded, after its end."""
         return columns(self.rows)
 
-    def size(self, dt: float) -> float:
+    def size(self, along: Along, dt: float) -> float:
         """Return ε, the change of the parameter for central differences, over its width.
 
         It is a power of ten by which nodes move little, but more than by round-off, so that the
-        setups of a few changes serve all steps. `dt` is the size of the step [s], over which
-        velocities count, too.
+        setups of a few changes serve all steps. `along` are derivatives that tell how far nodes
+        move, and `dt` is the size of the step [s], over which velocities count, too.
         """
         wanted_size = LARGEST_CHANGE
-        if moved := self.along.longest(dt):  # for a change of p by its width [m]
+        if moved := along.longest(dt):  # for a change of p by its width [m]
             wanted_size = MOVED_NODES * shortest_length(self.base) / moved
         size = min(max(wanted_size, LEAST_CHANGE), LARGEST_CHANGE)
         return float(10.0 ** math.floor(math.log10(size) + 1e-9))  # 1e-9 against round-off
@@ -143,63 +145,61 @@ class Follower:
 
     def follow(
         self,
-        info: StepInfo,
+        old: State,
+        step: Step,
         derive: Callable[[Along, Sides], DerivedStep],
-        ledger: Ledger,
-        method: Any,
         is_last: bool,
+        ledger: Ledger | None = None,
+        method: Any = None,
     ) -> None:
         """Derive a step of the run: the state at its end and, if it is recorded, its row.
 
+        Where nodes turn out to move farther than the differences allow, the step is derived
+        again with a smaller change of the parameter.
+
         Parameters
         ----------
-        info
-            The step.
+        old, step
+            The state before the step, and the step.
         derive
             Derives the step from the derivatives at its begin.
-        ledger
-            The ledger at the begin of the step.
-        method
-            The method of the step.
         is_last
             Whether the run ends there.
+        ledger, method
+            The ledger at the begin of the step, and its method; for `recorded.flows` alone.
         """
-        size = self.size(info.size)
-        sides = self.sides(size)
+        dt = step.state.t - old.t
+        sides = self.sides(self.size(self.along, dt))
         derived = derive(self.along, sides)
+        moved = sides.size * derived.end.longest() / shortest_length(self.base)
+        if moved > self.farthest:
+            sides = self.sides(self.size(derived.end, dt))
+            derived = derive(self.along, sides)
         if self.recorded.whole or is_last:
-            self._record(info, derived, sides, ledger, method)
+            self._record(old, derived, sides, ledger, method)
         self.along = derived.end
 
-    def _record(self, info, derived: DerivedStep, sides: Sides, ledger: Ledger, method) -> None:
+    def _record(self, old: State, derived: DerivedStep, sides: Sides, ledger, method) -> None:
         """Add the derivatives of the row at the end of a step, and derive the ledger there.
 
         Both are central differences between the steps at p + ε and p − ε, which `derived` has.
-        The arguments `info`, `ledger` and `method` are those of `follow`; `sides` are the
+        The arguments `old`, `ledger` and `method` are those of `follow`; `sides` are the
         systems at p ± ε.
         """
         rows = []
         ledgers = []
         both_sides = zip(self._setups_at(sides.size), sides.signed, derived.steps, strict=True)
         for setup, (system, signed_size), step in both_sides:
-            old = self.along.shift(info.old, signed_size)
+            old_there = self.along.shift(old, signed_size)
             if self.recorded.flows:
                 ledger_before = records.shift(ledger, self.flows, signed_size)
-                ledgers.append(ledger_before.after(system, method, old, step))
+                ledgers.append(ledger_before.after(system, method, old_there, step))
             else:  # only energies are among the columns: a ledger that begins here has them
                 at_end = system.with_history(step.history)
                 ledgers.append(Ledger.open(at_end, step.state))
-            rows.append(ledgers[-1].row() | setup.observer.row(old, step))
+            rows.append(ledgers[-1].row() | setup.observer.row(old_there, step))
         self.flows = records.slope(ledgers[0], ledgers[1], 2 * sides.size)
         self._add_row(rows[0], rows[1], sides.size)
-
-    def record_rest(self, states: Sequence[State], sides: Sides) -> None:
-        """Add the derivatives of the row of an equilibrium.
-
-        `states` are the equilibria at p + ε and p − ε, `sides` the systems there.
-        """
-        larger, smaller = self._setups_at(sides.size)
-        self._add_row(larger.row(states[0]), smaller.row(states[1]), sides.size)
 
     def _add_row(self, larger_row: Row, smaller_row: Row, size: float) -> None:
         """Add the derivatives from the rows at p + size and p − size."""
@@ -217,9 +217,9 @@ class Derivation:
     result
         The `Result`, or the `Equilibrium`.
     times
-        (s + 1,) times of the recorded rows [s].
+        Times of the rows that are derived [s].
     columns
-        Column → (s + 1,) recorded values.
+        Column → values of these rows.
     followers
         The derivatives by each parameter.
     sizes
@@ -273,13 +273,16 @@ def derive_run(
     report
         Is called after each step or iteration.
     """
-    followers = [Follower(p, partial(setup_at, p), setup, recorded) for p in parameters]
+    if setup.t_end is None:  # an equilibrium has no ledger of a run
+        recorded = replace(recorded, flows=False)
+    rest_tolerance = max(REST_TOLERANCE * tolerance, LEAST_REST_TOLERANCE)
+    farthest = math.sqrt(rest_tolerance)
+    followers = [Follower(p, partial(setup_at, p), setup, recorded, farthest) for p in parameters]
     if recorded.only_start:
         return Derivation(setup.start, np.array([setup.start.t]), {}, followers)
     if setup.t_end is None:
-        rest_tolerance = max(REST_TOLERANCE * tolerance, LEAST_REST_TOLERANCE)
-        return _derive_rest(setup, followers, rest_tolerance, report)
-    return _derive_motion(setup, followers, recorded, tolerance, report)
+        return _derive_rest(setup, followers, recorded, rest_tolerance, report)
+    return _derive_motion(setup, followers, recorded, tolerance, rest_tolerance, report)
 
 
 def _derive_motion(
@@ -287,6 +290,7 @@ def _derive_motion(
     followers: Sequence[Follower],
     recorded: Recorded,
     tolerance: float,
+    rest_tolerance: float,
     report: Callable[..., None],
 ) -> Derivation:
     """Run a setup over time or load steps, and derive each step when it is done.
@@ -296,9 +300,9 @@ def _derive_motion(
     followers
         The derivatives by each parameter, at the start; they follow the run.
     recorded
-        Which rows are derived; without `whole` only the first and the last one.
-    tolerance
-        Relative error of a derivative over a step.
+        Which rows are derived.
+    tolerance, rest_tolerance
+        Relative error of a derivative over a step, and over a load step.
     report
         Is called after each step.
     """
@@ -313,7 +317,7 @@ def _derive_motion(
     tangents = None  # explicit steps solve no equation, load steps have their own tangent
     if not (steps.traits.explicit or isinstance(steps, LoadSteps)):
         symmetric = has_symmetric_matrix(system, method)
-        tangents = StepTangents(system, symmetric, solver[0], len(followers), tolerance)
+        tangents = StepTangents(system, symmetric, solver[0], tolerance)
     sizes = list[float]()
 
     def watch(states) -> Iterator:
@@ -321,100 +325,57 @@ def _derive_motion(
         ledger = setup.ledger  # at the begin of the step
         for state, info in states:
             sizes.append(info.size)
-            loads = None
             if isinstance(steps, LoadSteps):
-                loads = DerivedLoads.of(system, info.old, info.result)
-
-            # info and loads are defaults, so that the function keeps those of its own step
-            def derive(along: Along, sides: Sides, info=info, loads=loads) -> DerivedStep:
-                if loads:
-                    return loads.derive(along, sides)
-                return derive_step(info.result, along, sides, tangents)
-
+                derive = DerivedLoads.of(system, info.old, info.result, rest_tolerance).derive
+            else:
+                derive = partial(derive_step, info.result, tangents=tangents)
             is_last = state.t >= t_end - 1e-12 * abs(t_end)  # times have round-off
             for follower in followers:
-                follower.follow(info, derive, ledger, method, is_last)
+                follower.follow(info.old, info.result, derive, is_last, ledger, method)
             if recorded.flows:
                 ledger = ledger.after(system, method, info.old, info.result)
             report(info)
             yield state, info
 
     result = simulation.run(solver, watch=watch)
+    derived_rows = slice(None) if recorded.whole else slice(-1, None)
     all_columns = {**result.energies, **result.observed}
-    times = result.times
-    if not recorded.whole:
-        times = times[[0, -1]]
-        all_columns = {name: values[[0, -1]] for name, values in all_columns.items()}
+    derived_columns = {name: values[derived_rows] for name, values in all_columns.items()}
     chosen_method = ""
     if chooses_method(setup.steps):
         chosen_method = type(method).__name__
     why = ""
     if setup.steps.dt is None and not isinstance(steps, LoadSteps):
         why = "the steps that were chosen stay as they are"
-    return Derivation(result, times, all_columns, followers, tuple(sizes), chosen_method, why)
-
-
-def find_rest(
-    system: System, start: State, report: Callable[..., None] = lambda *_: None
-) -> Equilibrium:
-    """Return the equilibrium as exactly as round-off allows, because twin runs differ little."""
-    state = equilibrium(system, start, report=report)
-    polished, _ = _polish(state, _make_increment(system, start))
-    return polished
-
-
-def _make_increment(system: System, start: State) -> LoadIncrement:
-    """Return all loads in one increment, as `equilibrium` takes them without load steps."""
-    begin = State(start.t, start.x, np.zeros_like(start.x))
-    history = system.start_history(begin)
-    return LoadIncrement(
-        system=system,
-        start=begin,
-        load=1.0,
-        size=1.0,
-        begin=start.t,
-        end=start.t,
-        history=history,
+    return Derivation(
+        result=result,
+        times=result.times[derived_rows],
+        columns=derived_columns,
+        followers=followers,
+        sizes=tuple(sizes),
+        method=chosen_method,
+        why=why,
     )
 
 
-def _polish(state: Equilibrium, all_loads: LoadIncrement) -> tuple[Equilibrium, StaticTangent]:
-    """Return the equilibrium after two more Newton steps, and K at the equilibrium before them.
-
-    `all_loads` is the increment of the loads that leads to the equilibrium.
-    """
-    tangent = StaticTangent.at(SolvedIncrement(all_loads, state.x))
-    x = state.x
-    for _ in range(POLISHING_STEPS):
-        residual = all_loads.equation(x).residual(x, 0.0)[0]
-        x = x - tangent.solve(residual)
-    return replace(state, x=x), tangent
-
-
 def _derive_rest(
-    setup: Setup, followers: Sequence[Follower], tolerance: float, report: Callable[..., None]
+    setup: Setup,
+    followers: Sequence[Follower],
+    recorded: Recorded,
+    tolerance: float,
+    report: Callable[..., None],
 ) -> Derivation:
     """Find the equilibrium of a setup, and derive it as a single load step.
 
-    Return the state with the rows at start and end; `followers` get the derivatives of both.
-    `tolerance` is the relative error of a derivative, `report` is called after each iteration.
+    The arguments are as for `_derive_motion`; `report` is called after each iteration.
     """
-    system = setup.system
     start = setup.start
-    all_loads = _make_increment(system, start)
-    state, tangent = _polish(equilibrium(system, start, report=report), all_loads)
-    solved = SolvedIncrement(all_loads, state.x)
+    rest = equilibrium(setup.system, start, report=report)
+    loads = DerivedLoads.at_rest(setup.system, start, rest, tolerance)
+    step = loads.step
     for follower in followers:
-        sides = follower.sides()
-        derived = derive_increment(solved, follower.start, sides, tangent, tolerance)
-        follower.along = derived.end
-        # The relative error of a central difference goes with the square of how far nodes move.
-        # If they moved too far, derive again with a smaller change.
-        moved = LARGEST_CHANGE * follower.along.longest() / shortest_length(setup)
-        if moved**2 > tolerance:
-            sides = follower.sides(follower.size(0.0))
-            derived = derive_increment(solved, follower.start, sides, tangent, tolerance)
-            follower.along = derived.end
-        follower.record_rest(derived.states, sides)
-    rows = columns([setup.row(), setup.row(state)])
-    return Derivation(state, np.array([start.t, state.t]), rows, followers)
+        follower.follow(start, step, loads.derive, is_last=True)
+    rows = [setup.row(step.state)]
+    if recorded.whole:
+        rows.insert(0, setup.row())
+    return Derivation(step.state, np.full(len(rows), start.t), columns(rows), followers)

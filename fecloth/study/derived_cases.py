@@ -16,9 +16,11 @@ from fecloth.integrators.protocol import method_of
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.options import Newton
+from fecloth.simulation.derived_loads import find_rest
 from fecloth.simulation.equilibrium import Equilibrium
 from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.simulation.setup import Setup
@@ -28,7 +30,6 @@ from fecloth.study.derivation import (
     Derivation,
     Recorded,
     derive_run,
-    find_rest,
 )
 from fecloth.study.measured_runs import columns_to_record, measure, record_of
 from fecloth.study.modes import Modes, modes
@@ -43,6 +44,8 @@ LARGEST_ERROR = 1e-2
 STEP_ERROR = 2.0  # error of the derivative of a single step over the tolerance of all
 # Newton's tolerance in a run with derivatives, over the tolerance of derivatives.
 NEWTON_TOLERANCE = 1e-2
+# Columns of a row that take time and are left out where no quantity reads them.
+OF_SHAPE = ("volume", "least_stretch", "largest_stretch")
 # Newton's tolerance in twin runs: what it leaves is 1e-6 of their smallest change, 1e-5.
 TWIN_TOLERANCE = 1e-11
 
@@ -120,6 +123,8 @@ def _derive(problem: StudyProblem, setup: Setup, sought: Sought, setup_at: Setup
     quantity that is no finite number.
     """
     setup = setup.recording(quantity.column for quantity in sought.quantities)
+    needs_shape = any(q.function or q.column in OF_SHAPE for q in sought.quantities)
+    setup = replace(setup, shape=needs_shape)
     recorded = what_to_record(sought.quantities, setup)
     if sought.whole:
         recorded = replace(recorded, whole=True, only_start=False)  # the rows of each step
@@ -249,13 +254,15 @@ FLOWS = ("dissipated", "work", "pins", "numerical", "remainder")
 
 
 def what_to_record(quantities: Sequence[Quantity], setup: Setup) -> Recorded:
-    """Return what a run records for the quantities: each step or both ends, and the ledger.
+    """Return what a run records for the quantities: each step or the end, and the ledger.
 
-    A user's function may read anything of the result, so it needs all rows and the ledger.
+    A user's function may read anything of the result, so it needs all rows and the ledger. The
+    displacement of a probe needs its place at the start.
     """
     has_functions = any(quantity.function for quantity in quantities)
     flows = any(quantity.column.split(":")[0].split(".")[0] in FLOWS for quantity in quantities)
-    whole = any(columns_to_record(quantity) for quantity in quantities)
+    probes = [probe.name for probe in setup.probes if isinstance(probe, Probe)]
+    whole = any(columns_to_record(q) or q.column in probes for q in quantities)
     only_start = quantities[0].how == "mode" and not setup.is_static  # frequencies about it
     flows = flows or has_functions
     return Recorded(whole=whole or flows, flows=flows, only_start=only_start)

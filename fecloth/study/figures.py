@@ -1,25 +1,22 @@
 """One style for all figures: legible at 800 pixels, lines differ in colour and marker."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+
+from fecloth.view.charts import COLOURS, STYLE
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
 Figure: TypeAlias = "matplotlib.figure.Figure"  # imported when a figure is drawn: it takes 0.5 s
 
-# Okabe and Ito (2008): colours that colour-blind readers can tell apart, without yellow, which
-# is too light for a line on white.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "h")
 DASHES = ("-", "--", "-.", ":")
 LABEL_DISTANCE = 0.062  # of two labels, over the height of the axes: a line of text
 COLUMNS = 3  # panels side by side that are legible at 800 pixels
 MOST_GROUPS = 8  # methods or settings that a reader can tell apart in a figure
-STYLE = Path(__file__).with_name("figures.mplstyle")
 
 
 def new_figure(

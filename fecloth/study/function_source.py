@@ -225,6 +225,10 @@ class FunctionSource:
             return setup
         return with_terms(setup, self.terms)
 
+    def setup_on(self, values: Mapping[str, Any], base: Setup) -> Setup:
+        """Return the set-up with other values; the function makes its own cloth, not `base`'s."""
+        return self.changed(values).setup()
+
     @property
     def cloth(self) -> Cloth:
         """The cloth alone."""
@@ -322,8 +326,11 @@ class FunctionSource:
         placed = tuple(Probe(probe_name, where, point) for probe_name, where, point in probes)
         return cls(function, placed=placed, **more)
 
-    def has_shape_of(self, other: "FunctionSource") -> bool:
-        """Whether the number of triangles follows from h: it is assumed, as no mesh is made."""
+    def has_shape_of(self, other: Any) -> bool:
+        """Whether the number of triangles follows from h: it is assumed, as no mesh is made.
+
+        `other` is the source that this one was made of.
+        """
         return True
 
     def count_triangles(self) -> float:

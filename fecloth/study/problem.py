@@ -23,6 +23,7 @@ from fecloth.study.function_source import FunctionSource, table_of_grading
 from fecloth.study.orders import quantities_of, space_order
 from fecloth.study.scene_source import SceneSource
 from fecloth.study.work import CHOSEN_STEPS, LOAD_STEP, Work
+from fecloth.system.reuse import reusing
 from fecloth.terms.traits import has_kind
 
 Asked = str | Callable[..., float] | Quantity
@@ -266,13 +267,15 @@ class StudyProblem:
     def on(self, values: Mapping[str, float], base: Setup) -> Setup:
         """Return the set-up with other values, on the same triangles as `base`.
 
-        A scene is built on the cloth of `base`; a function makes its own cloth. Raise
-        `InputError` if the values are refused, or change the triangles or the held nodes: then
-        the positions of both runs cannot be compared node by node.
+        A scene is built on the cloth of `base`; a function makes its own cloth. All that does not
+        depend on the values is taken from `base`. Raise `InputError` if the values are refused,
+        or change the triangles or the held nodes: then the positions of both runs cannot be
+        compared node by node.
         """
         parameter = f"parameter {' and '.join(values)}"
         try:
-            setup = self.at(values, "other values")._make(base.cloth)
+            with reusing(base.system):
+                setup = self.source.setup_on(values, base)
         except InputError as error:
             # its own value is allowed, so this one lies beyond an end of what is allowed
             allowed = "needs values on both sides of its own: " + str(error)

@@ -3,17 +3,21 @@
 import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
+
+from pydantic import ValidationError
 
 from fecloth.errors import InputError, errors_of
 from fecloth.fabric.fabric import Fabric
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
 from fecloth.scene.scene import Scene, scene_of
-from fecloth.scene.toml_text import flatten, to_toml, with_values
+from fecloth.scene.table_model import as_tuples
+from fecloth.scene.toml_text import flatten, to_toml, with_values, without_empty
 from fecloth.simulation.dimensionless import wave_speed
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.setup import Setup
@@ -33,6 +37,7 @@ NO_PARAMETERS = {
         "changes no motion of the cloth",
     ),
 }
+PARAMETERS = ("fabric", "fabrics", "terms")  # tables whose numbers are the usual parameters
 TRIANGLES = {"right": 2.0, "cross": 4.0}  # triangles per h²
 EQUILATERAL = 4 / math.sqrt(3)  # triangles per h² of any other mesh
 STABLE_STEP = 0.4  # stable step of central differences over h / wave speed, as with StVK
@@ -221,6 +226,42 @@ class SceneSource:
             probes=built.probes,
         )
 
+    def setup_on(self, values: Mapping[str, Any], base: Setup) -> Setup:
+        """Return the set-up with other values, with as much of `base` as stays the same.
+
+        Of a scene whose values are all of fabrics and terms, only these are made again. If they
+        are refused, the whole scene is read, which says what is wrong.
+        """
+        if all(name.partition(".")[0] in PARAMETERS for name in values):
+            with suppress(ValidationError):
+                return replace(base, system=base.system.replace(**self._fabric_and_terms(values)))
+        return self.changed(values).setup(base.cloth)
+
+    def _fabric_and_terms(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the arguments of `System` for the tables of `PARAMETERS`, with other values.
+
+        Raise `ValidationError` if a table does not allow its value.
+        """
+        scene = self.scene
+        own = {name: table for name, table in self.tables.items() if name in PARAMETERS}
+        tables = as_tuples(without_empty(with_values(own, values)))
+        own = as_tuples(without_empty(own))
+
+        def make(model: Any, table: dict, own_table: dict) -> Any:
+            if table == own_table:
+                return model.make()
+            return type(model).model_validate(table, context={"folder": Path()}).make()
+
+        terms = list(map(make, scene.terms, tables.get("terms", ()), own.get("terms", ())))
+        if scene.fabric:
+            fabric: Any = make(scene.fabric, tables["fabric"], own["fabric"])
+        else:
+            fabric = {
+                name: make(model, tables["fabrics"][name], own["fabrics"][name])
+                for name, model in (scene.fabrics or {}).items()
+            }
+        return {"terms": terms, "fabric": fabric}
+
     @cached_property
     def cloth(self) -> Cloth:
         """The cloth alone."""
@@ -243,7 +284,7 @@ class SceneSource:
 
     def is_usual_parameter(self, name: str) -> bool:
         """Whether a number is a parameter if none is named: one of fabric or terms."""
-        return name.partition(".")[0] in ("fabric", "fabrics", "terms")
+        return name.partition(".")[0] in PARAMETERS
 
     def refuse_parameter(self, name: str) -> None:
         """Raise `InputError` for a number of the mesh, the steps, the solver or the files."""
@@ -301,8 +342,11 @@ class SceneSource:
         """
         return cls(scene_of(tables, trust_geo), "scene")
 
-    def has_shape_of(self, other: "SceneSource") -> bool:
-        """Whether the meshes differ in h alone, so that the number of triangles follows from h."""
+    def has_shape_of(self, other: Any) -> bool:
+        """Whether the meshes differ in h alone, so that the number of triangles follows from h.
+
+        `other` is the source that this one was made of.
+        """
         cloth, other_cloth = self.tables["cloth"], other.tables["cloth"]
         return {**cloth, "h": None} == {**other_cloth, "h": None}
 

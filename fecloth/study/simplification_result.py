@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from fecloth.study.figures import COLOURS, Figure, new_figure
-from fecloth.study.result import Row, StudyResult, in_percent
+from fecloth.study.result import StudyResult, in_percent
+from fecloth.study.runs import Row
 from fecloth.study.term_variants import Variant
 from fecloth.system.system import System
 from fecloth.terms import BendingFriction

@@ -12,12 +12,13 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import relative_difference, size_of
 from fecloth.study.command import StudyFailed
+from fecloth.study.levels import RTOL_ORDER
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked, StudyProblem
-from fecloth.study.refinement import RTOL_ORDER
-from fecloth.study.result import Row, Table, in_percent, read_tolerance
+from fecloth.study.result import Table, in_percent, read_tolerance
 from fecloth.study.run_table import row_of_run
 from fecloth.study.runs import (
+    Row,
     Run,
     Runs,
     announce,

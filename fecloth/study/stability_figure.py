@@ -33,7 +33,7 @@ def draw_map(
     drawing, axes = new_figure(rows, columns, size, squeeze=False, sharex=True, sharey=True)
     cells = [row for row in all_cells if row["dt"]]
     values = [tuple(row[key] for key in keys) for row in cells]
-    lines = {}  # a line of any panel, by its label
+    lines: dict[str, Any] = {}  # a line of any panel, by its label
     for ax, method in zip(axes.ravel(), methods, strict=False):  # more panels may be left over
         runs = [
             (_place(v), row)
@@ -76,7 +76,7 @@ def _draw_runs(ax, runs: Sequence[tuple[float | str, Mapping]]) -> dict[str, Any
         points[label].append((place, row["dt"]))
         if row["predicted"] and math.isfinite(row["predicted"]):
             limits[place] = row["predicted"]
-    lines = {}
+    lines: dict[str, Any] = {}
     for label, look in LOOKS.items():
         if points[label]:
             (lines[label],) = ax.plot(*zip(*points[label], strict=True), ls="", ms=7, **look)

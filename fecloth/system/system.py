@@ -1,7 +1,7 @@
 """Cloth + fabric + terms + pins: the assembled operators, without any notion of a time step."""
 
 import copy
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -12,7 +12,7 @@ import scipy.sparse as sparse
 from fecloth.compiled.team import Team
 from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
-from fecloth.fabric.panel import Panel
+from fecloth.fabric.panel import Panel, WatchedPanel
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import (
     BlockMatrix,
@@ -25,6 +25,8 @@ from fecloth.linalg.protocol import LinearSolver
 from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.sameness import same
+from fecloth.system import reuse
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pieces import Piece, movable_pieces
@@ -119,6 +121,9 @@ class System:
             remedy = "Make it by system.state(x, v) of a system on this cloth."
             raise InputError(f"start = {brief(start)}", allowed, "System", remedy)
         self._arguments = Arguments(cloth, fabric, terms, pins, mass, grain, start, threads)
+        base = reuse.base.get()
+        if base is not None:
+            self._take_equal_parts(base)
         # here, so that an error is raised where the system is made
         _ = self.team, self.scalar_mass, self.layout, self.bound, self.constraints
 
@@ -170,6 +175,49 @@ class System:
         All other arguments stay. Raises what `System` raises.
         """
         return type(self)(**{**vars(self._arguments), **changes})
+
+    def _take_equal_parts(self, base: "System") -> None:
+        """Take from another system all that is the same to the last bit.
+
+        This is the mesh, the pattern of the matrix, the mass and each bound term whose
+        description is the same and whose inputs are. Nothing is taken if the mesh, its regions,
+        the warp directions, the kind of mass, the threads, the number of the terms or their
+        stencils differ.
+        """
+        given = self._arguments
+        names = ("cloth", "mass", "grain", "threads")
+        are_alike = all(
+            same(getattr(given, name), getattr(base._arguments, name)) for name in names
+        )
+        have_as_many_terms = len(self.terms) == len(base.terms)
+        if not (are_alike and have_as_many_terms and self.is_whole and base.is_whole):
+            return
+        self._arguments = replace(given, cloth=base.cloth)
+        self.team = base.team
+        panel = self.panel
+        has_same_regions = same(panel.region, base.panel.region)
+        if not (has_same_regions and same(self.layout.stencils, base.layout.stencils)):
+            return
+        self.layout = base.layout
+        if same(panel.density, base.panel.density):
+            self.scalar_mass = base.scalar_mass
+            self.nodal_mass = base.nodal_mass
+        self.bound = tuple(
+            own_bound
+            if same(term, own) and watched.gave_same(panel, _read_later(term))
+            else protocol.bound(term, panel, self.layout.slots)
+            for term, own, own_bound, watched in zip(
+                self.terms, base.terms, base.bound, base.watched_panels, strict=True
+            )
+        )
+
+    @cached_property
+    def watched_panels(self) -> tuple[WatchedPanel, ...]:
+        """For each term a panel that has noted what the term reads of it when it is bound."""
+        panels = tuple(WatchedPanel.of(self.panel) for _ in self.terms)
+        for term, panel in zip(self.terms, panels, strict=True):
+            protocol.bound(term, panel, self.layout.slots)
+        return panels
 
     # --- what is bound, once ------------------------------------------------------------------
 
@@ -524,6 +572,17 @@ class System:
         terms = ", ".join(self.names) or "no terms"
         held = len(self.constraints.nodes)
         return f"<System of {len(self.cloth.X)} nodes, {held} held: {terms}>"
+
+
+def _read_later(term: Any) -> Collection[str]:
+    """Return the attributes of its panel that a term may still read when it is bound.
+
+    The terms of fecloth read nothing then of fabrics, start and clamps that they have not read
+    while they were bound. Of the term of a user this is not known.
+    """
+    if type(term).__module__.startswith("fecloth."):
+        return ()
+    return WatchedPanel.WATCHED
 
 
 def _check_elements(terms, element: str) -> None:

@@ -1,7 +1,7 @@
 """fecloth render DIR -o FILE: draw a run as a movie (.mp4, .gif) or a picture (.png).
 
-The cloth shows a field of `frame_reader.FIELDS` or a checker pattern. It hangs over a ground
-with its shadow, and the camera is placed so that the whole motion fits. No display is needed,
+The cloth shows a field of `frame_reader.FIELDS` or a checker pattern. Its shadow lies below it,
+and the camera is placed so that the whole motion fits. No display is needed,
 only the extra [view]: PyVista, and imageio with its ffmpeg for .mp4.
 """
 
@@ -33,8 +33,7 @@ SLOWEST_FPS = 5.0
 FASTEST_FPS = 30.0
 HALF_ANGLE = math.radians(15.0)  # of the camera
 LIGHT = np.array([0.35, -0.5, 0.9]) / np.linalg.norm([0.35, -0.5, 0.9])
-PAPER = "#f6f7f9"
-FLOOR = "#e2e6ea"
+PAPER = "#e9ecef"
 SHADOW = "#c3c8cd"
 OBSTACLE = "#d9d4cb"
 # Sampled values and positions of a frame, to fit colours and camera: all of a run take memory.
@@ -272,10 +271,9 @@ def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np
             _update_cloth(cloth, frame, shot, parts)
             border.points = cloth.points
             _add_obstacles(plotter, read_obstacles(series.folder, i), pyvista)
-            # Each point goes along the light until it meets the ground. The shadow lies a little
-            # above it: of two surfaces at the same place, parts of both would be seen.
+            # Each point goes along the light until it meets the ground.
             drop = (cloth.points[:, 2:] - shot.ground) / LIGHT[2]
-            shadow.points = cloth.points - drop * LIGHT + [0, 0, 1e-3 * np.ptp(shot.view.box)]
+            shadow.points = cloth.points - drop * LIGHT
             style = {"font_size": font_size, "color": "#1b2027", "name": "time"}
             place = {"position": (0.02, 0.93), "viewport": True}
             plotter.add_text(f"{label}{frame.t:.3f}{unit}", **place, **style)
@@ -324,33 +322,19 @@ def _update_cloth(cloth, frame: frame_reader.Frame, shot: Shot, parts: int) -> N
 
 
 def _make_plotter(pyvista, shot: Shot):
-    """Return a plotter with camera, lights and ground, on which the meshes are drawn."""
-    plotter = pyvista.Plotter(off_screen=True, window_size=shot.size, lighting="none")
+    """Return a plotter with camera and background, on which the meshes are drawn."""
+    plotter = pyvista.Plotter(off_screen=True, window_size=shot.size)
     plotter.set_background(PAPER)
     middle = shot.view.box.mean(axis=0)
-    size = float(np.linalg.norm(np.diff(shot.view.box, axis=0)))
     eye = middle + shot.distance * _axes(shot.view)[0]
     plotter.camera_position = [tuple(eye), tuple(middle), (0.0, 0.0, 1.0)]
     plotter.camera.view_angle = math.degrees(2 * HALF_ANGLE)
-    for position, intensity in ((middle + 10 * size * LIGHT, 0.55), (eye, 0.5)):
-        light = pyvista.Light(position=tuple(position), focal_point=tuple(middle))
-        light.intensity = intensity
-        plotter.add_light(light)
-    centre = (*middle[:2], shot.ground)
-    floor = pyvista.Disc(center=centre, inner=0.0, outer=4 * size, r_res=40, c_res=72)
-    # From 30 % of its radius on, the ground fades into the background, so that no rim is seen.
-    far = np.linalg.norm(floor.points[:, :2] - middle[:2], axis=1) / (4 * size)
-    share = np.clip((1 - far) / 0.7, 0, 1)[:, None]
-    near_colour, far_colour = (np.array(pyvista.Color(name).int_rgb) for name in (FLOOR, PAPER))
-    floor["rgb"] = (share * near_colour + (1 - share) * far_colour).astype(np.uint8)
-    plotter.add_mesh(floor, scalars="rgb", rgb=True, lighting=False)
-    plotter.camera.clipping_range = 0.05 * shot.distance, shot.distance + 12 * size
     return plotter
 
 
 def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
     """Add the mesh `cloth` to the plotter, with the field of the shot or the checker pattern."""
-    matter = {"ambient": 0.3, "diffuse": 0.85, "specular": 0.15, "specular_power": 20}
+    matter = {"ambient": 0.3, "diffuse": 0.7, "specular": 0.15, "specular_power": 20}
     if shot.field == CHECKS:
         texture = pyvista.Texture(checker_pattern.weave_texture())
         texture.repeat = texture.interpolate = texture.mipmap = True

@@ -11,9 +11,8 @@ import json
 import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -56,19 +55,7 @@ CLIPPED_PERCENT = 0.5  # of the values beyond each end of a colour bar, so that 
 AZIMUTH = math.radians(-62.0)
 ELEVATION = math.radians(16.0)
 ELEVATION_OF_FLAT = math.radians(35.0)
-VIRIDIS = (  # at eleven equal steps; Smith and van der Walt 2015, CC0
-    (68, 1, 84),
-    (72, 36, 117),
-    (65, 68, 135),
-    (53, 95, 141),
-    (42, 120, 142),
-    (33, 145, 140),
-    (34, 168, 132),
-    (68, 191, 112),
-    (122, 209, 81),
-    (189, 223, 38),
-    (253, 231, 37),
-)
+COLOURS = 11  # of viridis, at equal steps, between which viewer.js interpolates
 
 
 @dataclass(frozen=True)
@@ -135,16 +122,6 @@ def shown_fields(frame: frame_reader.Frame) -> list[str]:
     return [name for name in SHOWN if frame_reader.FIELDS[name].array in arrays]
 
 
-def keep_shown(frame: frame_reader.Frame) -> frame_reader.Frame:
-    """Return the frame with only the arrays of `SHOWN`, which take less memory."""
-    names = {frame_reader.FIELDS[name].array for name in SHOWN}
-
-    def keep(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return {name: values for name, values in arrays.items() if name in names}
-
-    return replace(frame, point_data=keep(frame.point_data), cell_data=keep(frame.cell_data))
-
-
 def select_frames(series: frame_reader.Series, fields: int) -> list[int]:
     """Return the indices of evenly spaced frames that fit into `MOST_BYTES`."""
     first = series.read(0)
@@ -174,17 +151,9 @@ def _scene_of(folder: Path) -> dict:
 
 
 def fill_template(template: str, data: dict, values: Mapping[str, object]) -> str:
-    """Return a template of page/ with style, script, data and the values, which are escaped."""
-    script = part("viewer.js").replace("VIRIDIS;", f"{json.dumps(VIRIDIS)};")
-    script = script.replace("CHECKED;", f"{json.dumps(checker_pattern.SHADES)};")
+    """Return a page of page/ with the data that viewer.js draws, and the values, escaped."""
     plain = json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
-    pieces = {"style": part("page.css"), "cloth": part("cloth.html"), "script": script}
-    return render(template, {**pieces, "data": plain, **values}) + "\n"
-
-
-def part(name: str) -> str:
-    """Return the text of a file of view/page/."""
-    return (files("fecloth.view") / "page" / name).read_text(encoding="utf-8")
+    return render(template, {**values, "data": plain}) + "\n"
 
 
 def pack_frames(
@@ -220,7 +189,12 @@ def pack_frames(
     high = points.max(axis=(0, 1))
     view = view_of(low, high)
     triangles = frame_reader.straight(frame.cells)  # the same in all frames
+    from matplotlib import colormaps  # here, as its import is slow
+
+    viridis = colormaps["viridis"](np.linspace(0, 1, COLOURS))
     return {
+        "colours": viridis[:, :3].tolist(),
+        "shades": checker_pattern.SHADES,
         "times": times,
         "unit": unit,
         "start": len(times) - 1,  # the first frame is often flat

@@ -1,7 +1,6 @@
 """`fecloth bench`: its files, the quantities, and adapters that are right, wrong, or fail."""
 
 import json
-from argparse import Namespace
 
 import numpy as np
 import pytest
@@ -126,8 +125,8 @@ def test_an_exact_adapter_has_no_error_and_a_wrong_one_its_own(file):
     ],
 )
 def test_failures_are_shown_as_failures(file, function, status, capsys, tmp_path):
-    given = Namespace(case=["flight"], list=False, adapter=[f"{file}:{function}"], levels=1)
-    ended = bench(Namespace(**vars(given), json=True, output=str(tmp_path / "out")))
+    given = {"describe": False, "levels": 1, "as_json": True, "output": str(tmp_path / "out")}
+    ended = bench(["flight"], [f"{file}:{function}"], **given)
     (line,) = capsys.readouterr().out.splitlines()
     row = json.loads(line)
     if function == "short":

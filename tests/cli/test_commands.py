@@ -1,22 +1,29 @@
-"""The table of commands: every study has a row, every row a function, options and help."""
+"""The commands: each study has one, and each has its options and its help."""
 
 import inspect
 import re
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from support.commands import commands_of
 from support.pages import read
 
 import fecloth as fc
 from fecloth.cli.commands import COMMANDS
-from fecloth.cli.main import STATUS, main
-from fecloth.cli.studies import SHARED
+from fecloth.cli.main import STATUS, _parser, main
+from fecloth.cli.study_command import Running
 from fecloth.output.atomic_files import DiskFull, ending_of
 from fecloth.study.opened import Opened
 from fecloth.study.result import StudyResult, Table
 
+NAMES = [command.__name__ for command in COMMANDS]
+PARSERS = commands_of(_parser())
 STUDIES = [  # of a problem; a fit is of several
-    name for name, command in COMMANDS.items() if command.is_study and name != "fit"
+    command.__name__
+    for command in COMMANDS
+    if "running" in inspect.signature(command).parameters and command.__name__ != "fit"
 ]
 
 
@@ -33,42 +40,42 @@ def methods_of_the_front():
     return {name for name in own if callable(own[name]) and not name.startswith("_")}
 
 
-def test_every_study_has_a_row_and_a_method():
+def test_every_study_has_a_command_and_a_method():
     assert set(STUDIES) == methods_of_the_front() - {"modes"}
-    assert "modes" in COMMANDS
-    public = [*vars(fc.study), *fc.study.__all__]
-    for name in STUDIES:
-        function = COMMANDS[name].load()
-        assert function is getattr(fc if name == "tune" else fc.study, name)
-        assert name == "tune" or name in public
+    assert "modes" in NAMES
+    for name in [*STUDIES, "fit"]:
+        function = getattr(fc if name == "tune" else fc.study, name)
         assert inspect.signature(function).return_annotation in {
             *StudyResult.__subclasses__(),
             *(kind.__name__ for kind in StudyResult.__subclasses__()),  # of a postponed annotation
         }
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_row_has_its_function(name):
-    assert callable(COMMANDS[name].load())
-
-
 @pytest.mark.parametrize("name", STUDIES)
-def test_own_options_are_arguments_of_the_study(name):
-    """So a row needs no code of its own, and every default of the command is given."""
-    own = {option.key for option in COMMANDS[name].options} - SHARED
-    parameters = inspect.signature(COMMANDS[name].load()).parameters
-    assert own <= parameters.keys()
-    required = {
-        key for key, one in parameters.items() if one.default is one.empty and key != "shared"
-    }
-    assert required <= own | {"problem"}
+def test_a_command_asks_its_study_with_all_options(name, monkeypatch):
+    """The value of each option reaches the argument of the study that has its name."""
+    command = next(command for command in COMMANDS if command.__name__ == name)
+    options = [
+        parameter.name
+        for parameter in inspect.signature(command).parameters.values()
+        if parameter.kind is parameter.KEYWORD_ONLY
+    ]
+    values = {key: f"value of {key}" for key in options}
+    arguments = inspect.signature(getattr(fc.study.Study, name)).bind
+    opened = SimpleNamespace(**{name: partial(arguments, None)})
+    values["running"] = SimpleNamespace(open=lambda changes, *scenes: opened)
+    asked = command.__wrapped__("a.toml", **{key: values[key] for key in options}).arguments
+    own = {key: values[key] for key in options if key not in ("set_", "running")}
+    if name == "sensitivity":
+        own["parameters"] = own.pop("parameter")
+    assert {key: value for key, value in asked.items() if value is not None} == own
 
 
-def test_shared_options_are_arguments_of_the_front():
+def test_how_cases_run_are_arguments_of_the_front():
     front = inspect.signature(Opened.of).parameters
-    same = {"jobs", "scheduler", "time_limit", "fresh"}
-    assert same <= SHARED & front.keys()
-    assert SHARED - same == {"scene", "set", "output", "yes", "trust_geo"}
+    assert Running().how().keys() | {"most_seconds"} <= front.keys()
+    assert Running(yes=True).how()["most_seconds"] is None
+    assert "most_seconds" not in Running().how()
 
 
 GOOD, BAD = {"status": "ok"}, {"status": "failed", "cause": "it stopped"}
@@ -122,18 +129,17 @@ def test_a_result_names_the_files_for_its_reader(tmp_path):
         assert result.describe_files(tmp_path, page) == f"wrote {page}{words}"
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_help_of_a_command_has_its_words_and_options(name, capsys):
-    command, text = COMMANDS[name], help_of(capsys, name)
-    assert text.startswith(f"usage: fecloth {name} [-h]")
-    assert command.words in " ".join(text.split())
-    assert text.endswith(STATUS)
+    text = help_of(capsys, name)
     shown = " ".join(text.split())
-    for one in command.options:
-        words = (one.keywords["help"] or "").replace("%%", "%").partition("%(")[0]
+    assert text.startswith(f"usage: fecloth {name} [-h]")
+    assert PARSERS[name].description in shown
+    assert text.endswith(STATUS)
+    for action in PARSERS[name]._actions:
+        words = action.help.replace("%%", "%").partition("%(")[0]
         assert " ".join(words.split()) in shown
-        is_place = not one.names[0].startswith("-")
-        for each in [one.keywords.get("metavar") or one.key] if is_place else one.names:
+        for each in action.option_strings or [action.metavar or action.dest]:
             assert re.search(rf"(^|[\s\[]){re.escape(each)}\b", text), each
 
 
@@ -150,7 +156,7 @@ def test_a_full_disk_under_the_report_is_named_and_gives_status_3(tmp_path):
 def test_the_help_has_all_commands(capsys):
     text = help_of(capsys)
     listed = re.findall(r"^    (\w+)(?: {2,}\S|$)", text, re.MULTILINE)
-    assert listed == list(COMMANDS)
+    assert listed == NAMES
     assert text.endswith(STATUS)
 
 

@@ -123,7 +123,7 @@ def test_the_c_locale(scene):
 @pytest.mark.parametrize("name", ["[/red]x", "[start]", "[bold]", ":smile:", "\\[red]", "[link=x]"])
 def test_the_terminal_prints_text_as_it_is(capsys, name):
     assert escape(name) != name or ":" in name or "\\" in name
-    terminal(quiet=False).print(f"warning: the region {name} is heavy", soft_wrap=True)
+    terminal().print(f"warning: the region {name} is heavy", soft_wrap=True)
     assert capsys.readouterr().err == f"warning: the region {name} is heavy\n"
 
 

@@ -308,7 +308,7 @@ def die_at(moment):
 
 def write_frames(path, forever=False):
     folder = RunFolder.create(path)
-    frames, rows = Frames(folder.path / "swing", cloth), folder.table("steps.csv")
+    frames, rows = Frames(folder.path / "run", cloth), folder.table("steps.csv")
     for i in range(10**9):
         rows.add({"step": i, "t": 0.1 * i})
         frames.add(fc.State(0.1 * i, x, x))
@@ -344,8 +344,8 @@ def test_killed_runs_leave_lists_that_open(killed):
     assert len(killed) == 10
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
     for folder in killed:
-        entries = listed(folder / "swing.pvd")
-        series = json.loads((folder / "swing.vtu.series").read_text())["files"]
+        entries = listed(folder / "run.pvd")
+        series = json.loads((folder / "run.vtu.series").read_text())["files"]
         for i, (t, file) in enumerate(entries):
             assert (t, file.name) == (0.1 * i, f"frame_{i:06d}.vtu")
             assert read_frame(file, cloth).t == t
@@ -358,7 +358,7 @@ def test_killed_runs_leave_readable_rows(killed):
     for folder in killed:
         with (folder / "steps.csv").open(newline="") as stream:
             rows = list(csv.DictReader(stream))
-        assert len(rows) >= len(listed(folder / "swing.pvd"))
+        assert len(rows) >= len(listed(folder / "run.pvd"))
         assert [int(row["step"]) for row in rows] == list(range(len(rows)))
         assert [float(row["t"]) for row in rows] == [0.1 * i for i in range(len(rows))]
 

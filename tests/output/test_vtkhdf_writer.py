@@ -13,10 +13,9 @@ from fecloth.cli.main import main
 from fecloth.output.atomic_files import DiskFull
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Series
-from fecloth.output.frames import write_vtk
+from fecloth.output.frames import Frames, write_vtk
 from fecloth.output.vtkhdf_writer import gather
 from fecloth.runs import run_files
-from fecloth.runs.run_files import RunFiles
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
 
@@ -146,14 +145,49 @@ def test_a_full_disk_at_the_end_leaves_the_frames_and_the_run_goes_on(scene, mon
     assert Reader("out/run.vtkhdf").times == pytest.approx([0.01 * i for i in range(6)])
 
 
-def test_a_run_that_is_killed_while_it_removes_its_frames_is_whole(scene, monkeypatch):
+@pytest.mark.parametrize("count", [0, 1, 2, 4])
+def test_a_run_that_is_killed_while_it_removes_its_frames_is_whole(scene, monkeypatch, count):
+    """Lists and frames, `count` of which are removed before the process ends."""
+    run_scene(scene, "whole")
+    left, unlink = [None] * count, Path.unlink
+
+    def killed(path, missing_ok=False):
+        if path.suffix in (".pvd", ".series", ".vtu"):
+            if not left:
+                raise KeyboardInterrupt
+            left.pop()
+        unlink(path, missing_ok)
+
     with monkeypatch.context() as patched:
-        patched.setattr(RunFiles, "remove_gathered", interrupt)
+        patched.setattr(Path, "unlink", killed)
         with pytest.raises(KeyboardInterrupt):
             run_scene(scene, "out")
-    with pytest.raises(fc.InputError, match=r"has already reached 0.05 s"):
-        run_scene(scene, "out", resume=True)
+    assert len(Series.open("out").times) == 6
     assert len(Reader("out/run.vtkhdf").times) == 6
+    assert run_scene(scene, "out", resume=True).status == "done"
+    assert written("out") == written("whole")
+
+
+@pytest.mark.parametrize("count", [0, 2, 5])
+def test_a_run_that_is_killed_while_it_scatters_its_frames_goes_on(scene, monkeypatch, count):
+    """Each frame and the two lists are one file each; then the gathered file is still whole."""
+    run_scene(scene, "whole")
+    run_scene(scene, "out")
+    real_add, left = Frames.add, [None] * count
+
+    def killed(*arguments):
+        if not left:
+            raise KeyboardInterrupt
+        left.pop()
+        return real_add(*arguments)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Frames, "add", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run_scene(scene, "out", resume=True)
+    assert len(Series.open("out").times) == 6
+    assert run_scene(scene, "out", resume=True).status == "done"
+    assert written("out") == written("whole")
 
 
 def test_a_run_that_is_killed_while_it_gathers_its_frames_goes_on(scene, monkeypatch):

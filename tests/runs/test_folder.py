@@ -20,7 +20,7 @@ from fecloth.runs.folder import RunFolder, Table
 
 
 def fill(folder, system, state):
-    Frames(folder.path / "swing", system.cloth, system).add(state)
+    Frames(folder.path / "run", system.cloth, system).add(state)
     for name in ("steps.csv", "energies.csv", "observed.csv"):
         with contextlib.closing(folder.table(name)) as table:
             table.add({"t": 0.0})

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 from support import key_reference
+from support.commands import commands_of
 
 from fecloth.cli import main as cli
-from fecloth.cli.commands import COMMANDS
 from fecloth.output.frame_reader import FIELDS
 from fecloth.scene.cloth_tables import Disk
 from fecloth.scene.json_schema import json_schema
@@ -156,5 +156,6 @@ def test_info_refuses_an_unknown_term(capsys):
 
 
 def test_the_fields_of_a_picture_are_those_of_frames():
-    field = next(each for each in COMMANDS["render"].options if each.key == "field")
-    assert field.keywords["help"] == f"one of {', '.join([*FIELDS, CHECKS])}"
+    actions = commands_of(cli._parser())["render"]._actions
+    field = next(action for action in actions if action.dest == "field")
+    assert field.help == f"one of {', '.join([*FIELDS, CHECKS])}"

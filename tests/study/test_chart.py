@@ -7,13 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
-from support.rundirs import rows_of
-from support.scene_texts import STRING
-
-import fecloth as fc
-from fecloth.cli import main as cli
-from fecloth.errors import InputError
 from fecloth.study.chart_result import (
     Chart,
     bound_of,
@@ -22,6 +15,13 @@ from fecloth.study.chart_result import (
     grey_letters,
     split_series,
 )
+from matplotlib.text import Text
+from support.rundirs import rows_of
+from support.scene_texts import STRING
+
+import fecloth as fc
+from fecloth.cli import main as cli
+from fecloth.errors import InputError
 from fecloth.study.convergence import Convergence
 from fecloth.study.figures import MOST_GROUPS, spread
 from fecloth.study.result import Table

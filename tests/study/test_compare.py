@@ -128,7 +128,7 @@ def test_methods_differ_by_their_time_step_only(tmp_path):
     )
     difference = found.differences["implicit_midpoint"]
     assert abs(difference.limit) < difference.uncertainty < abs(difference.as_given)
-    assert "25 % with the given step" in found.verdict
+    assert "20 % with the given step" in found.verdict
     assert found.figure().axes[0].get_xlabel() == "dt [s]"
 
 

@@ -6,13 +6,30 @@ from pathlib import Path
 
 import pytest
 
+import fecloth as fc
 from fecloth.errors import FeclothError, InputError
 from fecloth.output.atomic_files import DiskFull
-from fecloth.scene.scene import load_scene
 from fecloth.study.problem import StudyProblem
-from fecloth.study.runs import Run, Runs, announce
+from fecloth.study.runs import Run
 from studies import harness
 from studies.harness import exit_status
+
+ROOT = Path(__file__).parents[2]
+SCENE = """
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.05 }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }]
+pins = [{ where = "left" }]
+time = { method = "bdf2", dt = 0.01, t_end = 0.5 }
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Return the path of a scene."""
+    path = tmp_path / "flag.toml"
+    path.write_text(SCENE)
+    return path
 
 
 def parse(*arguments):
@@ -67,21 +84,6 @@ def test_exit_statuses_are_those_of_the_command_line(capsys, error, status, word
     assert capsys.readouterr().err.startswith(words)
 
 
-def test_the_estimated_size_is_that_of_the_scene(scene):
-    problem = StudyProblem.of(scene)
-    assert problem.work.triangles == pytest.approx(len(problem.source.cloth.triangles), rel=0.15)
-    assert problem.work.steps == 50
-    assert problem.at({"time.dt": 0.005}).work.steps == 100
-    explicit = StudyProblem.of(
-        load_scene(scene, ["time.method=central_difference", "time.dt=auto", "cloth.pattern=cross"])
-    )
-    triangles = len(explicit.source.cloth.triangles)
-    assert explicit.work.triangles == pytest.approx(triangles, rel=0.15)
-    system = explicit.first.system
-    stable = 0.9 * fc.critical_dt(system, system.rest(), "central_difference")
-    assert explicit.work.steps == pytest.approx(0.5 / stable, rel=0.7)
-
-
 def strip(h, dt=0.01, stiffness=1000.0, method="bdf2"):
     """A strip that can be made on a coarse mesh only, with its first stiffness."""
     if h < 0.2 or stiffness != 1000.0:
@@ -132,31 +134,8 @@ def test_arguments_that_are_no_json_values_run_in_this_process():
     assert Run(problem.at({"stiffness": object()}), "").case is None
 
 
-def test_the_size_of_a_shape_from_a_file_needs_no_fine_mesh(tmp_path):
-    """With h in mm by mistake, the mesh alone would take minutes."""
-    scene = ROOT / "studies" / "scenes" / "flag.toml"
-    triangles = len(load_scene(scene).mesh().triangles)
-    assert StudyProblem.of(scene).work.triangles == pytest.approx(triangles, rel=0.15)
-    tiny = StudyProblem.of(load_scene(scene, ["cloth.h=0.0006"]))
-    assert tiny.work.triangles == pytest.approx(1e4 * triangles, rel=0.15)
-
-
 def test_the_results_go_to_the_folder_of_the_study(monkeypatch):
     for script in ("studies/mine/__main__.py", "mine.py"):
         monkeypatch.setattr(sys, "argv", [script])
         assert parse().out.as_posix() == "out/mine"
     assert parse("--out", "here").out.as_posix() == "here"
-
-
-def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
-    """A width of 40 m, meant in cm, as in a file of a user."""
-    scene.write_text(SCENE.replace("width = 1.0", "width = 40").replace("h = 0.05", "h = 0.01"))
-    problem = StudyProblem.of(scene)
-    runs = [Run(problem.finer(h=by), "") for by in (1, 2, 4)]
-    assert runs[2].work.triangles > 7e6
-    with pytest.raises(InputError, match=r"triangles × 50 steps: may take hours: above 3,600 s"):
-        announce(runs, Runs())
-    announce(runs, Runs(most_seconds=None))
-    capsys.readouterr()
-    announce([Run(problem.at({"cloth.h": 0.5}), "")], Runs())
-    assert "1 case, up to 185 triangles × 50 steps; it may take some" in capsys.readouterr().err

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.simulation.derived_loads import find_rest
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.simulation.run import columns
-from fecloth.study.derivation import find_rest
 from fecloth.system.system import System
 
 TIGHT = fc.Newton(tolerance=1e-12)

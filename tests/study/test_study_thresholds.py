@@ -45,7 +45,7 @@ def test_differences_move_nodes_by_1e_5_of_an_edge_within_limits(moved, size):
     base = strip()
     lengths = moved * shortest_length(base)
     follower = SimpleNamespace(base=base, along=SimpleNamespace(longest=lambda dt: lengths))
-    assert Follower.size(follower, 0.1) == pytest.approx(size, rel=1e-9)
+    assert Follower.size(follower, follower.along, 0.1) == pytest.approx(size, rel=1e-9)
 
 
 def test_a_sharper_newton_iteration_is_no_looser_than_its_own():

@@ -9,9 +9,8 @@ from support.scene_texts import STRIP
 
 import fecloth as fc
 from fecloth.cli import main as cli
-from fecloth.cli.commands import COMMANDS
-from fecloth.cli.main import _parser as main_parser
-from fecloth.cli.studies import _question as question
+from fecloth.cli.studies import converge, sweep
+from fecloth.cli.study_command import name_question
 from fecloth.errors import InputError
 from fecloth.study.result import read_tolerance
 from fecloth.study.variants import parse_range, read_ranges
@@ -128,11 +127,12 @@ def test_each_question_of_the_command_has_its_own_folder(scene, monkeypatch, cap
         "strip,quantity=tip.x,over=cloth.h=0.25",
     ]
     assert "1 case, up to 8 triangles × 10 Newton iterations" in capsys.readouterr().err
-    over = ["--over", "cloth.h=0.25:0.125:lin:2"]  # which no folder can be called everywhere
-    options = main_parser().parse_args(["sweep", str(scene), *over])
-    name = question(COMMANDS["sweep"], options)
+    over = ["cloth.h=0.25:0.125:lin:2"]  # which no folder can be called everywhere
+    name = name_question(sweep.__wrapped__, {"quantity": None, "set_": None, "over": over})
     assert re.fullmatch(r",over=cloth.h=0.25_0.125_lin_2-\w{6}", name)
-    assert question(COMMANDS["converge"], main_parser().parse_args(["converge", "a.toml"])) == ""
+    assert name_question(converge.__wrapped__, {"levels": 4, "set_": None}) == ""
+    own = {"levels": 5, "set_": ["a=1", "b=2"], "grade": True}
+    assert name_question(converge.__wrapped__, own) == ",levels=5,set=a=1,set=b=2,grade=True"
 
 
 def test_a_study_shows_the_warnings_of_the_set_up(scene, tmp_path, capsys):

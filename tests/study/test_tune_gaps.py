@@ -3,13 +3,13 @@
 import math
 
 import pytest
-
-import fecloth as fc
-from fecloth.study.opened import open_study
 from fecloth.study.problems import open_problem
 from fecloth.study.tuning.choices import Bench, Choice
 from fecloth.study.tuning.tune import narrow_gaps
 from test_gap_share import GAP, height, lay
+
+import fecloth as fc
+from fecloth.study.opened import open_study
 
 
 @pytest.mark.parametrize("by", [1.0, 8.0, 20.0, 32.0])

@@ -47,8 +47,8 @@ def names(read):
 
 def restart_at(state, memory):
     """A restart file's record of a run that accounts for nothing."""
-    progress = restart.Progress(state, memory, Accounts({}), (), None, 0, {})
-    return restart.Restart("", "", "", progress, True, {})
+    progress = restart.Progress(state, memory, Accounts({}), (), None, {})
+    return restart.Restart("", "", "", progress, {})
 
 
 def record(file):

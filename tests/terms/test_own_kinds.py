@@ -13,7 +13,8 @@ from fecloth.distributed.distributed_system import DistributedSystem
 from fecloth.scene.plan import plan
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.setup import Setup
-from fecloth.study.problem import StudyProblem, find_obstacles
+from fecloth.study.orders import find_obstacles
+from fecloth.study.problem import StudyProblem
 from fecloth.study.term_variants import simpler_terms
 from studies.simplify.numbers import Numbers, table
 from studies.simplify.predictions import find_limits, predict_change
@@ -100,9 +101,8 @@ def test_info_of_a_scene_counts_its_bending(scene):
 
 def test_chart_replaces_a_membrane_of_its_own(scene):
     changed = StudyProblem.of(scene).choose(method="newmark", element="P1", model="StVK")
-    assert [term["type"] for term in changed.tables["terms"]] == [
-        "StVK", *list(OWN)[1:], "Gravity"
-    ]
+    types = [term["type"] for term in changed.tables["terms"]]
+    assert types == ["StVK", *list(OWN)[1:], "Gravity"]
 
 
 def own_or_not(h, model="StVK"):

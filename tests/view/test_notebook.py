@@ -34,7 +34,7 @@ def test_repr_is_one_line(result):
 def test_a_result_is_figures_of_energies_and_probes(result):
     page = result[1]._repr_html_()
     assert page.count("<figure>") == 2
-    names = re.findall(r"<title>(.*?)</title>", page)
+    names = re.findall(r"</i>(.*?)</span>", page)
     assert {"kinetic", "StVK", "Gravity", "sag", "tip &lt;1&gt;.z"} <= set(names)
     assert not any("reaction" in name for name in names)
     assert "nan" not in page

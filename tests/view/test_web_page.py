@@ -18,7 +18,7 @@ from fecloth.output.frames import Frames, write_vtk
 from fecloth.output.obstacle_frames import ObstacleFrames
 from fecloth.output.vtkhdf_writer import gather
 from fecloth.view import web_page
-from fecloth.view.svg_chart import chart
+from fecloth.view.charts import Chart, draw
 
 Image = pytest.importorskip("PIL.Image")
 
@@ -90,8 +90,8 @@ def test_overflowing_values_are_drawn_as_the_largest_finite_one(run):
     shown = shorts(field["values"])
     assert np.all(shown[:4] == 65535)
     assert np.all(shown[4:] == 0)
-    curve = np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 9e58, 1e308, -1e308])
-    assert chart("energy", {"W": curve}, "t [s]", "[J]").count("<path") == 1
+    curve = np.array([1.0, 9e58, 1e308, -1e308])
+    assert len(draw([Chart("energy", "[J]", np.arange(4.0), {"W": curve})])) == 1
 
 
 def test_it_opens_offline(run):
@@ -336,16 +336,10 @@ def test_a_finger_on_the_cloth_turns_it_or_scrolls_the_report(phone):
     phone.wait_for_function("scrollY > 100")
 
 
-def test_the_report_fits_a_phone_and_breaks_no_name(phone):
+def test_the_report_fits_a_phone(phone):
     for summary in phone.locator("summary").all():
         summary.click()
     assert phone.evaluate("document.documentElement.scrollWidth") <= 390
-    lines = """cells => cells.map(cell => {
-        const range = document.createRange(); range.selectNodeContents(cell);
-        return range.getClientRects().length; })"""
-    counts = phone.locator("td:first-child").evaluate_all(lines)
-    assert len(counts) > 10
-    assert set(counts) == {1}
 
 
 def test_the_page_holds_obstacles_once_for_each_place(tmp_path):

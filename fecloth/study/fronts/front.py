@@ -17,7 +17,7 @@ from fecloth.study.fronts.result import Front, describe_front
 from fecloth.study.fronts.search import Search
 from fecloth.study.fronts.settings import PATTERNS, Line, Setting, Settings, make_lines
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.problem import Asked, StudyProblem
+from fecloth.study.problem import Asked, StudyProblem, refuse_methods
 from fecloth.study.result import Table, read_tolerance
 from fecloth.study.runs import Runs, print_doubts, refuse_huge
 from fecloth.study.status import OK
@@ -84,6 +84,7 @@ def front(
     validation.number("seconds", seconds, 0.0, "front")
     values = read_axes(axes)
     opened = study.problem
+    refuse_methods(opened, values.get("method"), "front")
     asked = opened.quantities[:1] if quantity is None else quantity
     plan = Plan(
         problem=opened,

@@ -1,9 +1,6 @@
 // A cloth in motion on a WebGL 2 canvas: showCloth(element, data), data as viewer.py packs it.
 "use strict";
 
-// viridis (Smith and van der Walt 2015, CC0) at eleven equal steps
-const COLOURS = VIRIDIS;
-const SHADES = CHECKED;  // of a weave's squares, with no, one and two dark threads
 const LIGHT = normalize([0.35, -0.5, 0.9]);
 const CHECKS = -1;
 const HALF_ANGLE = (15 * Math.PI) / 180;
@@ -291,8 +288,8 @@ class Scene {
     gl.uniform3fv(this.at("light"), LIGHT);
     gl.uniform3fv(this.at("eye"), eye);
     gl.uniform3fv(this.at("middle"), this.middle);
-    gl.uniform3fv(this.at("colours"), COLOURS.flat().map((x) => x / 255));
-    gl.uniform3fv(this.at("shades"), SHADES.flat().map((x) => x / 255));
+    gl.uniform3fv(this.at("colours"), this.cloth.data.colours.flat());
+    gl.uniform3fv(this.at("shades"), this.cloth.data.shades.flat().map((x) => x / 255));
     gl.uniform1i(this.at("checked"), this.checked ? 1 : 0);
     gl.uniform1f(this.at("size"), this.size);
     gl.uniform1f(this.at("ground"), this.ground);
@@ -355,9 +352,9 @@ function steer(canvas, camera, draw) {
 
 function figures(value) { return Number(value.toPrecision(4)).toString(); }
 
-function legend(element, field, side) {
+function legend(element, field, side, colours) {
   element.querySelector(".ramp").hidden = !field;
-  const stops = COLOURS.map((c) => `rgb(${c})`).join(",");
+  const stops = colours.map((c) => `rgb(${c.map((x) => 255 * x)})`).join(",");
   element.querySelector(".ramp").style.background = `linear-gradient(to right, ${stops})`;
   const [low, high] = element.querySelectorAll(".end");
   if (!field) {
@@ -380,7 +377,7 @@ function showCloth(element, data) {
   const show = () => {
     const frame = Number(slider.value), field = Number(chooser.value);
     find(".now").textContent = `t = ${figures(data.times[frame])}${data.unit}`;
-    legend(find(".legend"), cloth.fields[field], data.checks && data.checks.side);
+    legend(find(".legend"), cloth.fields[field], data.checks && data.checks.side, data.colours);
     scene.show(frame, field);
   };
   slider.max = data.times.length - 1;

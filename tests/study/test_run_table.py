@@ -1,0 +1,35 @@
+"""The table of runs: what a row has, and what is left of a run that failed or has no value."""
+
+import numpy as np
+import pytest
+from support.scene_texts import STRIP
+
+import fecloth as fc
+from fecloth.study.problem import StudyProblem
+from fecloth.study.run_table import row_of_run, with_values
+from fecloth.study.runs import Run, Runs, run_quantities
+
+COST = {"triangles": 8, "steps": 1, "newton": 3, "cpu_seconds": 0.1}
+
+
+def test_a_row_has_settings_status_results_cost_and_kinds_of_doubts():
+    doubts = [fc.Doubt(kind, "words").entry() for kind in (fc.DoubtKind.TIME,) * 2]
+    run = {"status": "ok", "cause": "", "doubts": doubts, "columns": {"t": [0.0]}, **COST}
+    row = row_of_run(run, {"h": 0.1}, {"value": 2.0, "error": 0.1})
+    assert row == {"h": 0.1, "status": "ok", "value": 2.0, "error": 0.1, **COST, "doubts": "time"}
+    failed = row_of_run({"status": "failed", "cause": "a\nb"}, {"h": 0.1}, {})
+    assert failed == {"h": 0.1, "status": "failed", "cause": "a"}
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_run_without_a_value_says_why(tmp_path):
+    path = tmp_path / "strip.toml"
+    time = 'time = { method = "bdf2", dt = 0.01, t_end = 0.02 }'
+    path.write_text(STRIP.replace("equilibrium = {}", time).replace("h = 0.125", "h = 0.25"))
+    problem = StudyProblem.of(path)
+    quantities = problem.choose_quantities(["tip.x", "period of tip.x"])
+    (row,) = run_quantities([Run(problem, "")], quantities, Runs(quiet=True))
+    told = with_values(row, quantities)
+    assert told["status"] == "no value"
+    assert "period" in told["cause"]
+    assert np.isfinite(told["values"]["tip.x"])
