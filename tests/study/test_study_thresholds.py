@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.study import chart_grid, derived_cases
+from fecloth.study import derived_cases
 from fecloth.study.derivation import Follower, shortest_length
 from fecloth.study.derived_cases import Sought
 from fecloth.study.parameters import Parameter
@@ -53,11 +53,3 @@ def test_a_sharper_newton_iteration_is_no_looser_than_its_own():
     assert derived_cases._sharpen(own, 1e-6).newton.tolerance == 1e-8
     assert derived_cases._sharpen(own, 1e-10).newton.tolerance == 1e-10
     assert derived_cases._sharpen(strip(), 1e-6).newton.tolerance == 1e-6
-
-
-@pytest.mark.parametrize(("rtol", "largest"), [(None, 0.1), (0.02, 0.02)])
-def test_a_chart_takes_three_tolerances_or_steps(rtol, largest):
-    scene = SimpleNamespace(time=SimpleNamespace(dt="auto", rtol=rtol))
-    rules = chart_grid._list_rules(scene, "bdf2")
-    assert [rule["rtol"] for rule in rules] == [largest, largest / 10, largest / 100]
-    assert chart_grid._list_rules(scene, "central_difference") == [{"method": "central_difference"}]

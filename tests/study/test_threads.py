@@ -9,10 +9,10 @@ import sys
 
 import numpy as np
 import pytest
-from fecloth.study.setups import setup_of_function
 
 import fecloth as fc
 from fecloth.study.measured_runs import measure
+from fecloth.study.problem import StudyProblem
 from fecloth.study.threads import NAMES
 
 COMMANDS = """
@@ -77,7 +77,7 @@ def test_a_measured_run_is_on_one_thread(name):
     terms, (method, dt, t_end) = [fc.StVK(), fc.Gravity()], METHODS[name]
     system = fc.System(CLOTH, fc.Fabric(0.2, 1000.0), terms, ["boundary"], threads=2)
     start = system.state(1.02 * system.rest().x)
-    setup = setup_of_function(lambda: (CLOTH, system, method, start), {}, dt, t_end)
+    setup = StudyProblem.of(lambda: (CLOTH, system, method, start), dt=dt, t_end=t_end).first
     assert np.isfinite(measure(setup, [])["cpu_seconds"])
     assert system.team.used == 1
     assert system.team.count == 2

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from fecloth.study.problems import open_problem
 from support.local_link import LocalLink
 from support.own_terms import OWN, Breeze, Ribs, Rubber, Syrup
 from support.planned import warnings_before
@@ -14,7 +13,6 @@ from fecloth.distributed.distributed_system import DistributedSystem
 from fecloth.scene.plan import plan
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.setup import Setup
-from fecloth.study.chart_grid import change_names
 from fecloth.study.orders import find_obstacles
 from fecloth.study.problem import StudyProblem
 from fecloth.study.term_variants import simpler_terms
@@ -102,10 +100,9 @@ def test_info_of_a_scene_counts_its_bending(scene):
 
 
 def test_chart_replaces_a_membrane_of_its_own(scene):
-    names = {"method": "newmark", "element": "P1", "model": "StVK"}
-    opened = open_problem(scene)
-    data = change_names(opened, names).apply(opened.tables)
-    assert [term["type"] for term in data["terms"]] == ["StVK", *list(OWN)[1:], "Gravity"]
+    changed = StudyProblem.of(scene).choose(method="newmark", element="P1", model="StVK")
+    types = [term["type"] for term in changed.tables["terms"]]
+    assert types == ["StVK", *list(OWN)[1:], "Gravity"]
 
 
 def own_or_not(h, model="StVK"):

@@ -106,10 +106,11 @@ class Settings:
     def sizes_in_time(self, line: Line) -> str:
         """Return what the steps of a line follow: "dt", "rtol", or "" for nothing to refine.
 
-        Explicit methods take their stable step, an equilibrium has none, and of a function that
-        takes no dt the steps are its own.
+        Explicit methods of a scene take their stable step, an equilibrium has none, and of a
+        function that takes no dt the steps are its own.
         """
-        if self.problem.is_static or line.method in EXPLICIT:
+        takes_stable_steps = "method" in self.problem.source.usual_variations
+        if self.problem.is_static or (line.method in EXPLICIT and takes_stable_steps):
             return ""
         if line.method == "auto":
             return "rtol"
@@ -178,6 +179,7 @@ def make_lines(
     """
     refuse_methods(problem, methods, study)
     cloth = problem.tables["cloth"]
+    own_models = [term["type"] for term in problem.tables["terms"]]
     usual = {
         "method": [] if problem.is_static else usual_methods(problem, study),
         "element": [cloth.get("element", "P1"), *ELEMENTS],
@@ -188,13 +190,15 @@ def make_lines(
         "method": ALL_METHODS,
         "element": ELEMENTS,
         "pattern": PATTERNS,
-        "model": MODELS,
+        "model": dict.fromkeys([*own_models, *MODELS]),
     }
     asked = {"method": methods, "element": elements, "pattern": patterns, "model": models}
     names: dict[str, list[str]] = {}
     for what, given in asked.items():
         if given is None and what not in problem.source.usual_variations:
             names[what] = [""]
+        elif what == "model" and what in problem.source.keys:  # an argument, with any values
+            names[what] = list(given or [""])
         else:
             chosen = usual[what] if given is None else given
             names[what] = known_names(what, chosen, known[what]) or [""]
