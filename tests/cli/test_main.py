@@ -14,7 +14,6 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-import pyvista
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -226,6 +225,8 @@ def long_run(scene, out, **options):
 def opens(out):
     """The .pvd's frames, read by VTK; their times."""
     times = frame_times(out / "run.pvd")
+    import pyvista  # takes two seconds
+
     reader = pyvista.get_reader(out / "run.pvd")
     assert reader.time_values == times
     reader.set_active_time_value(times[-1])

@@ -2,6 +2,7 @@
 
 import os
 from contextlib import contextmanager
+from importlib.util import find_spec
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +15,7 @@ from fecloth.output.frames import Frames
 from fecloth.output.obstacle_frames import ObstacleFrames
 from fecloth.view.checker_pattern import material_coordinates, square_side
 
-pytest.importorskip("pyvista")
+pytestmark = pytest.mark.skipif(find_spec("pyvista") is None, reason="needs the extra [view]")
 imageio = pytest.importorskip("imageio.v2")
 
 
