@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -20,15 +21,16 @@ from fecloth.runs.run_files import RunFiles
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
 
-h5py = pytest.importorskip("h5py")
-vtk = pytest.importorskip("vtk")
-from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402
+is_missing = find_spec("h5py") is None or find_spec("vtk") is None
+pytestmark = pytest.mark.skipif(is_missing, reason="needs the extras [hdf] and [view]")
 
 
 class Reader:
     """VTK's reader on one file."""
 
     def __init__(self, path):
+        import vtk
+
         self.vtk = vtk.vtkHDFReader()
         self.vtk.SetFileName(str(path))
         self.vtk.UpdateInformation()
@@ -37,6 +39,8 @@ class Reader:
 
     def at(self, t):
         """Points, cells, and all arrays of a time."""
+        from vtk.util.numpy_support import vtk_to_numpy
+
         self.vtk.UpdateTimeStep(t)
         grid = self.vtk.GetOutput()
         arrays = [
@@ -83,6 +87,7 @@ def test_the_topology_is_shared(tmp_path):
     system, states = swinging("P1")
     file = gathered(tmp_path, system, states)
     n, m = len(system.cloth.X), len(system.cloth.triangles)
+    h5py = pytest.importorskip("h5py")
     with h5py.File(file) as file:
         root = file["VTKHDF"]
         assert root["Connectivity"].shape == (3 * m,)
