@@ -40,7 +40,7 @@ KERNELS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_scene_compiles_what_it_names_and_nothing_else(tmp_path):
     """Each entry point has a file in the cache: `module.function-line.python.nbi`."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}

@@ -178,7 +178,7 @@ def swing(method):
     return kinetic, np.array([sum(energy.values()) for energy in energies])
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_stiff_swing_gains_no_energy():
     """No step resolves a wave in the plane, and the midpoint rule makes energy out of that."""
     kinetic, total = swing(fc.EnergyMomentum())

@@ -8,7 +8,7 @@ from conftest import flat
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 from support.inflated import enclosed, shooting
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.errors import InputError
@@ -68,7 +68,7 @@ def test_hanging_strip_meets_the_closed_form():
     np.testing.assert_allclose(observed_order([4, 2, 1], errors), 2.0, atol=0.1)
 
 
-@pytest.mark.parametrize("kind", slow_except(["symmetric", "exact"], "exact"))
+@pytest.mark.parametrize("kind", stories_except(["symmetric", "exact"], "exact"))
 def test_pressurised_disk_from_the_flat_meets_the_exact_membrane(kind):
     height, volume = shooting(500.0)
     cloth = fc.Cloth.disk(0.5, 0.025)

@@ -26,7 +26,7 @@ def folded(folds, friction=0.0, has_floor=True):
     return system, system.state(np.column_stack([across, cloth.X[:, 1], height]))
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("folds", "friction", "has_floor", "load_steps"),
     [(4, 0.0, True, None), (4, 0.0, False, None), (4, 0.3, True, 5)],

@@ -16,7 +16,7 @@ import meshio
 import numpy as np
 import pytest
 from support.rundirs import written
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth import integrators
@@ -128,7 +128,7 @@ def scene(tmp_path, monkeypatch):
 KILLED = RUNS.keys() - {"midpoint"}  # "two threads" has its method and solver
 
 
-@pytest.mark.parametrize("name", slow_except(sorted(KILLED), "BDF2", "StabilityLimited"))
+@pytest.mark.parametrize("name", stories_except(sorted(KILLED), "BDF2", "StabilityLimited"))
 def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     if name == "vtkhdf":
         pytest.importorskip("h5py")

@@ -20,7 +20,7 @@ import meshio
 import numpy as np
 import pytest
 from support.rundirs import written
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -302,7 +302,7 @@ def test_failure_to_write_at_the_end_is_reported(name, scene, capsys):
     assert restart.files(Path("out"))[0].name == "restart_000000007.npz"
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_disk_without_space_for_the_first_files_is_reported(scene):
     pytest.importorskip("resource")
     assert main(["run", "sheet.toml", "-o", "warm", "--quiet"]) == 0  # machine code is kept
@@ -331,7 +331,7 @@ def test_resume_is_not_proposed_without_restart_files(scene, capsys):
 # --- interrupted ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", slow_except(["SIGINT", "SIGTERM", "SIGHUP"], "SIGINT"))
+@pytest.mark.parametrize("name", stories_except(["SIGINT", "SIGTERM", "SIGHUP"], "SIGINT"))
 def test_interrupted_run_prints_how_to_resume(name, scene):
     if not hasattr(signal, name):
         pytest.skip(f"no {name} here")
@@ -359,7 +359,7 @@ def is_meshing(child):
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="who knows when it meshes")
-@pytest.mark.parametrize("name", slow_except(["SIGINT", "SIGTERM"], "SIGINT"))
+@pytest.mark.parametrize("name", stories_except(["SIGINT", "SIGTERM"], "SIGINT"))
 def test_interruption_before_the_first_step_leaves_no_files(name, scene):
     mesh = "--set", "cloth.h=0.004", "--set", "cloth.pattern='unstructured'"
     child = process("sheet.toml", "-o", "out", *mesh)

@@ -109,7 +109,7 @@ def test_text_with_a_unit_at_any_key_is_read_or_refused_with_a_message(name, tex
     assert any("one of the units" in refusal for refusal in refusals)
 
 
-@pytest.mark.slow  # each file is read by a process of its own
+@pytest.mark.stories  # each file is read by a process of its own
 @drawn(
     lambda st: [st.integers(0, 10**6), st.integers(0, 255), st.booleans()],
     max_examples=40,

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -63,7 +63,7 @@ QUICK = ("implicit_midpoint", "linearly_implicit_euler", "newmark", "generalized
 SHIFT = {"symplectic_euler": 0.1, "central_difference": 1e-3}  # steps are shorter than the limit
 
 
-@pytest.mark.parametrize("name", slow_except(CASES, *QUICK))
+@pytest.mark.parametrize("name", stories_except(CASES, *QUICK))
 def test_the_error_is_proportional_to_the_tolerance(swing, name, record_property):
     system, start, exact = swing
     method = CASES[name]

@@ -27,10 +27,10 @@ def known(name):
 
 
 # the trampoline is a time integration
-SLOW = {"trampoline": pytest.mark.slow}
+STORIES = {"trampoline": pytest.mark.stories}
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=SLOW.get(n, ())) for n in CASES])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=STORIES.get(n, ())) for n in CASES])
 def test_files_state_the_values_of_the_script(name):
     said = CASES[name]
     value, uncertainty = references.CASES[name](said)
@@ -197,7 +197,7 @@ def test_fecloth_is_right_on_a_coarse_mesh(name, fecloth):
     assert errors[1] < max(0.4 * errors[0], floor)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("name", ["knit", "nylon"])
 def test_fecloth_meets_no_measurement_better_than_its_law(name, fecloth):
     """The meshes agree with each other far better than with what was measured."""

@@ -168,7 +168,7 @@ def test_a_function_is_a_quantity(scene):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_processes_give_the_same(tmp_path):
     run = {"h": 0.25, "levels": 3, "probes": TIP}
     one, two = (fc.study.converge(strip, "tip.x", jobs=jobs, **run) for jobs in (1, 2))

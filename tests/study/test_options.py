@@ -117,7 +117,7 @@ def test_the_results_go_to_the_folder_of_the_study(monkeypatch):
     assert parse("--out", "here").out.as_posix() == "here"
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
     """A width of 40 m, meant in cm, as in a file of a user."""
     scene.write_text(SCENE.replace("width = 1.0", "width = 40").replace("h = 0.05", "h = 0.01"))

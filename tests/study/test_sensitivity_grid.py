@@ -211,7 +211,7 @@ def derivative_by_twins(case: Case, name: str, sizes) -> np.ndarray:
 
 @pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in FAST)) for name in CASES]
+    "name", [pytest.param(name, marks=[pytest.mark.stories] * (name not in FAST)) for name in CASES]
 )
 def test_derivatives_are_those_of_twin_runs(name):
     case = CASES[name]

@@ -167,7 +167,7 @@ def test_a_choice_changes_the_scene_and_nothing_else(strip):
     assert changed.scene.interest == opened.scene.interest
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, pytest.param(2e-3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tolerance", [1e-2, pytest.param(2e-3, marks=pytest.mark.stories)])
 def test_the_error_of_a_tuned_equilibrium_is_the_true_one(strip, tmp_path, tolerance):
     tuned = fc.tune(strip, tolerance, folder=tmp_path)
     bench = bench_of(strip)
@@ -181,7 +181,7 @@ def test_the_error_of_a_tuned_equilibrium_is_the_true_one(strip, tmp_path, toler
     assert bench.distance(fine, own).max() > 1e-5  # the reference differs from the scene itself
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_the_error_of_a_tuned_run_is_the_true_one(tmp_path):
     """Of a sheet with bending: without it the folds are as fine as the mesh, and none agree."""
     path = tmp_path / "bob.toml"
@@ -336,7 +336,7 @@ poisson_ratio = 0.3
 """
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_the_lowest_node_proves_no_error_that_is_too_small(tmp_path):
     (tmp_path / "sheet.geo").write_text(L_SHAPE.replace("HELD", "1, 2, 3, 4, 5, 6"))
     path = tmp_path / "sheet.toml"
@@ -350,7 +350,7 @@ def test_the_lowest_node_proves_no_error_that_is_too_small(tmp_path):
     assert true <= 1.2 * tuned.error
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_mesh_graded_at_the_corner_of_an_l_is_chosen(tmp_path):
     shape = L_SHAPE.replace("HELD", "5") + 'Physical Point("tip") = {2};'
     (tmp_path / "sheet.geo").write_text(shape)
@@ -389,7 +389,7 @@ def test_a_membrane_in_free_fall_is_not_left_out():
     assert {term.type for term in reduced.opened.scene.terms} & {"StVK", "Springs"}
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_the_table_has_each_run_once_and_names_runs_of_other_terms(strip):
     tuned = fc.tune(strip, "2%", elements=["P1"], model=True)
     rows = [tuple(sorted(row.items())) for row in tuned.table if row["status"] == "ok"]

@@ -8,7 +8,7 @@ triangles, an error of order h.
 import numpy as np
 import pytest
 from support.plates import rolled
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from studies.models.elastica import strip
@@ -66,7 +66,7 @@ def flat_energy(cloth, rest="start"):
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
-@pytest.mark.parametrize("pattern", slow_except(STRIPS, "cross", "unstructured"))
+@pytest.mark.parametrize("pattern", stories_except(STRIPS, "cross", "unstructured"))
 def test_curved_rest_shape_stores_B_over_2_R2_when_opened_flat(pattern, element):
     errors = [abs(flat_energy(strip(pattern, n, element)) - 1) for n in (20, 40, 80)]
     assert errors[0] < 1e-3

@@ -92,7 +92,7 @@ def test_steps_in_time_converge_to_the_path():
     assert changes[3] < 0.6 * changes[2] < 0.36 * changes[1]
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_the_number_of_load_steps_does_not_count_but_their_path_does():
     """The base of a strip turns up and back; the strip does not return."""
     turn = fc.Rotation((0, 0, 0), (0, 1, 0), "sin(3.14159265358979*t)")
@@ -166,7 +166,7 @@ def test_the_stiffness_of_sliders_counts_in_the_limit_of_explicit_steps():
     assert estimate(slid, bent, method) < 1.2 * estimate(stiff, rest, method)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_explicit_steps_at_the_limit_agree_with_implicit_ones():
     implicit = fall(strip(), fc.BDF2(), 5e-4, 0.15)
     explicit = fall(strip(), fc.CentralDifference(), None, 0.15)

@@ -5,7 +5,7 @@ The reference is inextensible and shares no code with the triangles (`studies.re
 
 import numpy as np
 import pytest
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 from studies.models.elastica import LIMITS, LOCAL, PATTERNS, hang
 from studies.references.elastica import heavy_elastica
@@ -29,7 +29,7 @@ def test_interpolated_strain_does_not_lock(pattern, ratio):
     assert all(errors[n] < limit for n, limit in LIMITS.items()), errors
 
 
-@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "right", "cross"))
+@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "right", "cross"))
 def test_pointwise_strain_locks(pattern):
     """So the test above tells a membrane that locks from one that does not."""
     error = hang("P2, pointwise strain", pattern, 1e7, 16)["error"]

@@ -20,7 +20,7 @@ from fecloth.verify import VerificationFailed, check_term
 
 S = fc.shapes
 UP = (0, 0, 1)
-SLOW = pytest.mark.slow
+STORIES = pytest.mark.stories
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 GAP = 0.02
 BELOW = {  # each has its top near (0.15, 0.1, 0)
@@ -143,7 +143,8 @@ def least_distance(bound, x, t=0.0):
 
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
 @pytest.mark.parametrize(
-    "name", ["plane", "sphere", *(pytest.param(n, marks=SLOW) for n in ("capsule", "box", "sdf"))]
+    "name",
+    ["plane", "sphere", *(pytest.param(n, marks=STORIES) for n in ("capsule", "box", "sdf"))],
 )
 def test_a_sheet_thrown_at_an_obstacle_never_enters(name, method):
     """At 3 m/s and 10 ms a node would go 30 gaps a step."""

@@ -115,8 +115,8 @@ def leave(method, v, dt, phase):
     [
         (fc.BackwardEuler(), 1.0, 0.01),
         (fc.BDF2(), 1.0, 1e-3),
-        pytest.param(fc.BDF2(), 1.0, 1e-4, marks=pytest.mark.slow),
-        pytest.param(fc.BackwardEuler(), 0.1, 0.01, marks=pytest.mark.slow),
+        pytest.param(fc.BDF2(), 1.0, 1e-4, marks=pytest.mark.stories),
+        pytest.param(fc.BackwardEuler(), 0.1, 0.01, marks=pytest.mark.stories),
     ],
 )
 def test_sheets_that_meet_stay_together(method, v, dt):

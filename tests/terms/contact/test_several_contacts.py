@@ -170,7 +170,7 @@ def test_a_step_to_the_other_side_of_an_obstacle_is_refused_by_name(way, leaps):
         refuse_crossed(system, new, old)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_sheet_at_20_m_s_does_not_find_a_way_around_a_ball_within_a_step():
     """Newton's iteration would find one: behind the ball the sheet keeps all its speed."""
     system, start = thrown(20.0)

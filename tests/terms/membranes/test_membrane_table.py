@@ -398,7 +398,7 @@ def test_the_force_at_a_point_follows_its_row_alone(scene_file):
     np.testing.assert_allclose(found.derivative, [0.0, 0.05], atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_fit_chooses_a_rising_curve(scene_file):
     """Stiffnesses of a twin, from other ones, through the forces at nine stretches."""
     twin = fc.MembraneTable({"stretch": [1.05, 1.1, 1.15], "stiffness": [20.0, 60.0, 300.0]})
