@@ -83,6 +83,7 @@ def test_a_step_that_is_repeated_gives_the_same(name, system):
         assert same(step.history[1], following.result.history[1])
 
 
+@pytest.mark.stories
 def test_steps_that_are_rejected_leave_no_trace(system):
     """A push that the first attempts overlook is taken in shorter steps, from the same record."""
 
@@ -100,6 +101,7 @@ def test_steps_that_are_rejected_leave_no_trace(system):
     assert rejected > 0
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     "name", ["backward_euler", "bdf2", "newmark", "generalized_alpha", "energy_momentum"]
 )

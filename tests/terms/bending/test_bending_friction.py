@@ -414,6 +414,7 @@ def test_where_the_weight_does_not_overcome_the_friction_there_is_only_its_elast
     assert tip == pytest.approx(w * L**4 / (8 * B * 10.0), rel=0.01)
 
 
+@pytest.mark.stories
 def test_shaken_it_rests_where_it_would_without_friction():
     cloth = fc.Cloth.rectangle(0.2, 0.05, h=0.0125, pattern="right")
     pins = [fc.Pin("left", clamp=True)]

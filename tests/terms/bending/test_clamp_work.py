@@ -17,6 +17,7 @@ METHODS = [
 ]
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("method", "steps", "limit"), METHODS, ids=[type(m).__name__ for m, _, _ in METHODS]
 )

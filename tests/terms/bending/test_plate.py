@@ -84,6 +84,7 @@ def at_32(errors):
     return errors.get(32, errors[16] / 4 if 16 in errors else np.nan)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("edges", "limit"), [("supported", 1.5e-3), ("clamped", 1.3e-2)])
 @pytest.mark.parametrize("pattern", stories_except(PATTERNS, "unstructured"))
 def test_square_under_a_uniform_load_converges_with_order_2(pattern, edges, limit):

@@ -31,6 +31,7 @@ def test_turned_rigidity_is_that_of_the_fabric_at_a_right_angle():
     assert turned(D, np.pi / 2) == pytest.approx(swapped)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("fabric", [ISOTROPIC, ORTHOTROPIC], ids=["isotropic", "turned"])
 @pytest.mark.parametrize("edges", ["supported", "clamped"])
 @pytest.mark.parametrize(

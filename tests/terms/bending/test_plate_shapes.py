@@ -199,6 +199,7 @@ def test_a_triangle_alone_bends_about_its_clamp():
     check_slopes(system, system.state(x + [[0, 0, 0.02 * i] for i in range(3)]))
 
 
+@pytest.mark.stories
 def test_work_of_a_clamp_that_turns_closes_the_energy_balance():
     cloth = fc.Cloth.rectangle(0.4, 0.1, 0.05, "right")
     fabric = fc.Fabric(0.2, 500.0, bending_rigidity=1e-3)

@@ -60,6 +60,7 @@ def held_at_the_helicoid(pattern, element, n):
     return sum(system.energies(twisted).values()) / exact - 1
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     "pattern", stories_except(["right", "equilateral", "unstructured"], "right")
 )
