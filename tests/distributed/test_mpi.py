@@ -247,6 +247,7 @@ def test_the_number_of_processes_comes_from_the_environment(monkeypatch):
     assert count_processes() == 3
 
 
+@pytest.mark.stories
 def test_a_run_on_one_process_imports_no_mpi():
     code = "import sys, fecloth.cli.main, fecloth.runs.run_scene; print('mpi4py' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

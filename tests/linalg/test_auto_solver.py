@@ -216,6 +216,7 @@ def test_auto_factorises_where_multigrid_takes_too_long(cycle, last, monkeypatch
     assert steps(auto(), HARD, 3) == [expected] * 3
 
 
+@pytest.mark.stories
 def test_auto_runs_repeat_bit_for_bit():
     """Choices depend on counts alone: two runs of one scene have the same bits."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.05)

@@ -46,6 +46,7 @@ def test_loose_folds_come_to_rest(folds, friction, has_floor, load_steps):
     assert fallen > 0.2 * folds * LENGTH * np.sin(ANGLE)
 
 
+@pytest.mark.stories
 def test_a_search_that_contact_cuts_short_does_not_blame_slack_triangles():
     system, start = folded(4)
     with pytest.raises(fc.EquilibriumFailed, match="did not converge in 8 iterations") as caught:

@@ -161,6 +161,7 @@ def test_a_run_that_is_killed_while_it_removes_its_frames_is_whole(scene, monkey
     assert len(Reader("out/run.vtkhdf").times) == 6
 
 
+@pytest.mark.stories
 def test_a_run_that_is_killed_while_it_gathers_its_frames_goes_on(scene, monkeypatch):
     run_scene(scene, "whole")
     with monkeypatch.context() as patched:
@@ -183,6 +184,7 @@ def test_a_run_that_stops_early_keeps_its_frames(scene):
     assert len(Reader("out/run.vtkhdf").times) == 6
 
 
+@pytest.mark.stories
 def test_a_whole_run_goes_on_beyond_its_end(scene):
     keys = ["output.format='vtkhdf'", "output.restart_steps=2"]
     run_scene(scene, "out")
