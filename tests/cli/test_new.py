@@ -97,6 +97,7 @@ SCENES = {  # settings that make the runs short
 }
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("kind", SCENES)
 def test_a_new_scene_runs_at_once(kind, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

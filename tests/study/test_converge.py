@@ -26,6 +26,8 @@ from fecloth.study.setups import setup_of_function
 from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
 from studies.references.closed_forms import hanging_strip_tip
 
+pytestmark = pytest.mark.stories
+
 TIP = [fc.Probe("tip", "right")]
 SCENE = STRING
 

@@ -17,6 +17,8 @@ from studies.convergence.singular_corners import (
     taut_l,
 )
 
+pytestmark = pytest.mark.stories
+
 TIP = [fc.Probe("tip", "right")]
 
 

@@ -18,6 +18,8 @@ INTERRUPTED = """
 import os, signal, sys, time
 from fecloth import study
 
+pytestmark = pytest.mark.stories
+
 def sleep(x: int, folder: str) -> dict:
     open(f"{folder}/{os.getpid()}.process", "w").close()
     time.sleep(3600)

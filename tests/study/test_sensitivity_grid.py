@@ -16,6 +16,8 @@ from fecloth.simulation.run import columns
 from fecloth.study.derivation import find_rest
 from fecloth.system.system import System
 
+pytestmark = pytest.mark.stories
+
 TIGHT = fc.Newton(tolerance=1e-12)
 PROBES = [fc.Probe("tip", "right")]
 CHANGE = 2e-4  # of a parameter, in the finer pair of twin runs

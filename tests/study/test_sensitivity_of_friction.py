@@ -5,6 +5,8 @@ import pytest
 import fecloth as fc
 from fecloth.simulation.load_steps import LoadSteps
 
+pytestmark = pytest.mark.stories
+
 LAID, FALLS = LoadSteps(20), fc.BDF2()
 
 

@@ -24,7 +24,7 @@ from fecloth.study.simplification.variants import FINER, Variant, list_variants
 from studies.simplify.numbers import Numbers
 from studies.simplify.predictions import find_limits, predict_change
 
-pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
+pytestmark = [pytest.mark.stories, pytest.mark.usefixtures("counted_work")]  # seconds decide
 STUDIES = Path(__file__).parents[2] / "studies"
 SCENES = STUDIES / "scenes" / "needs"
 

@@ -22,6 +22,8 @@ from fecloth.study.stability_runs import (
 )
 from fecloth.study.stability_words import describe_best, describe_range, range_of
 
+pytestmark = pytest.mark.stories
+
 SCENE = """
 cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25, pattern = "right" }
 fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }

@@ -39,6 +39,8 @@ import studies.benchmarks.{name}
 from fecloth.study.threads import NAMES
 from fecloth.compiled.team import Team
 
+pytestmark = pytest.mark.stories
+
 print(Team("auto").count, *(os.environ.get(each) for each in NAMES))
 """
 

@@ -26,7 +26,7 @@ from fecloth.study.tuning.result import Tuned
 from fecloth.study.tuning.space_errors import drop_to_neighbours
 from fecloth.study.tuning.tune import drop_terms
 
-pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
+pytestmark = [pytest.mark.stories, pytest.mark.usefixtures("counted_work")]  # seconds decide
 STRIP = """
 cloth = { shape = "rectangle", width = 0.3, height = 1.0, h = 0.1 }
 fabric = { areal_density = 0.2, tensile_stiffness = 40.0, poisson_ratio = 0.3 }
