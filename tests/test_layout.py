@@ -1,6 +1,7 @@
 """The layout: a package imports only from those before it in the order of fecloth/README.md."""
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -175,3 +176,31 @@ def test_every_ignored_type_error_is_named_and_explained():
         for line in source.read_text().splitlines():
             if "# type: ignore" in line:
                 assert re.search(r"# type: ignore\[[a-z, -]+\]  # \w", line), f"{source}: {line}"
+
+
+# --- the tests themselves -------------------------------------------------------------------------
+
+# packages that take a tenth of a second or more to import, and few tests need
+HEAVY = """pyvista vtkmodules matplotlib.pyplot hypothesis pypardiso distributed IPython sphinx
+playwright pxr mujoco torch warp newton petsc4py mpi4py"""
+COLLECT = f"""
+import sys, pytest
+options = ["--collect-only", "-q", "-o", "addopts=--doctest-modules --ignore=fecloth/__main__.py"]
+assert pytest.main([*options, "-p", "no:cacheprovider"]) == 0
+print("imported:", *(name for name in {HEAVY.split()} if name in sys.modules))
+"""
+
+
+@pytest.mark.stories
+def test_collecting_the_tests_imports_no_heavy_package():
+    """They are imported by the tests that need them, else each worker spends seconds on them."""
+    environment = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    run = subprocess.run(
+        [sys.executable, "-c", COLLECT],
+        cwd=PACKAGE.parent,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.splitlines()[-1] == "imported:"
