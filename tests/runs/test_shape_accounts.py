@@ -83,6 +83,7 @@ def test_a_key_switches_the_count_off(scene, capsys):
     assert not any("passes through" in words for words in summary["warnings"])
 
 
+@pytest.mark.stories
 def test_a_resumed_run_counts_at_the_same_frames(scene):
     _, whole = run(scene, "whole")
     run(scene, "part", "time.t_end=0.1")

@@ -109,6 +109,7 @@ def test_one_load_step_is_the_python_call(scene, tmp_path):
     np.testing.assert_array_equal(last_frame(tmp_path / "one", problem, 1).x, found.x)
 
 
+@pytest.mark.stories
 def test_a_killed_run_goes_on_bit_for_bit(scene, tmp_path):
     def stop(info):
         if info.step == 2:

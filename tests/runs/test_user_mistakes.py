@@ -189,6 +189,7 @@ def when(condition, child):
         time.sleep(0.002)
 
 
+@pytest.mark.stories
 def test_two_runs_in_one_folder_are_refused_and_a_killed_one_is_no_obstacle(scene, capsys):
     pytest.importorskip("fcntl")
     long = "--set", "time.t_end=300"
@@ -237,6 +238,7 @@ def can_mount():
     )
 
 
+@pytest.mark.stories
 @pytest.mark.skipif(not can_mount(), reason="this system lets no user mount a small disk")
 def test_full_disk_loses_no_frames(scene):
     options = "--set", "solver.linear=superlu"
@@ -265,6 +267,7 @@ def readable(folder):
         assert file.read_text().endswith("\n")
 
 
+@pytest.mark.stories
 def test_a_step_that_cannot_be_written_is_none(scene, capsys):
     """A frame fails, the restart file then written does not: it is that of the step before."""
     steps = "--set", "output.restart_steps=50", "--set", "solver.linear=superlu"
@@ -331,6 +334,7 @@ def test_resume_is_not_proposed_without_restart_files(scene, capsys):
 # --- interrupted ----------------------------------------------------------------------------------
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", stories_except(["SIGINT", "SIGTERM", "SIGHUP"], "SIGINT"))
 def test_interrupted_run_prints_how_to_resume(name, scene):
     if not hasattr(signal, name):
@@ -358,6 +362,7 @@ def is_meshing(child):
     return False
 
 
+@pytest.mark.stories
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="who knows when it meshes")
 @pytest.mark.parametrize("name", stories_except(["SIGINT", "SIGTERM"], "SIGINT"))
 def test_interruption_before_the_first_step_leaves_no_files(name, scene):
@@ -381,6 +386,7 @@ def asks_twice(info):
             os.kill(os.getpid(), signal.SIGINT)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("report", "error"), [(fails, OSError), (asks_twice, KeyboardInterrupt)])
 def test_run_that_is_stopped_from_outside_leaves_a_restart(report, error, scene):
     with pytest.raises(error, match=r"has gone|at once; --resume goes on"):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from support.drawn import drawn
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.scene import toml_text
@@ -75,6 +76,7 @@ def refused(make):
     return ""
 
 
+@pytest.mark.stories
 @drawn(
     lambda st: [scenes_and_places(st), st.sampled_from(HOW), values(st)],
     max_examples=300,
@@ -97,7 +99,7 @@ def test_corrupted_scene_is_built_or_refused_with_a_message(scene_and_place, how
 @pytest.mark.parametrize(
     "text", ["5 m", "0 s", "-1e999 N/m", "1e-9 us", ["1 cm", 0, "1 g"], "3 1/s", "2 t", "5 µ", "²"]
 )
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", stories_except(NAMES, "swing"))
 def test_text_with_a_unit_at_any_key_is_read_or_refused_with_a_message(name, text, tmp_path):
     scene = tomllib.loads((SCENES / f"{name}.toml").read_text())
     file = tmp_path / "scene.toml"

@@ -65,6 +65,7 @@ def compiled(tmp_path_factory):
     return cache(lambda *case: run(tmp_path_factory.mktemp("small"), *case, 200, "right"))
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("kind", "element", "bending", "triangles", "pattern"),
     [

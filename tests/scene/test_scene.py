@@ -837,6 +837,7 @@ def test_hanging_strip_expects_the_exact_solution():
         assert scene.expect[name][0].value == pytest.approx(value, rel=1e-7), name
 
 
+@pytest.mark.stories
 def test_trampoline_expects_the_axisymmetric_solution():
     scene = _expected("trampoline")
     expected = scene.expect["mean_displacement.z"]
@@ -872,6 +873,7 @@ def chain(times, links, length, tensile_stiffness, damping_time, areal_density, 
     return share @ result.y[1 : 2 * links : 2] / links
 
 
+@pytest.mark.stories
 def test_swing_expects_the_motion_of_a_chain():
     scene = _expected("swing")
     expected = scene.expect["mean_displacement.z"]

@@ -120,6 +120,7 @@ def test_chart_of_a_function_has_its_models():
     assert set(found.table["model"]) == {"Rubber", "StVK"}
 
 
+@pytest.mark.stories
 def test_simplify_of_a_function_leaves_out_and_replaces_what_the_traits_say():
     def light(h, dt=0.01):
         return strip(h, dt, (Rubber(), Ribs(1e-9), Syrup(1e-9), Breeze()))

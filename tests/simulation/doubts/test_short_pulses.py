@@ -105,7 +105,7 @@ def test_a_train_of_pulses_is_named():
 
 
 @pytest.mark.parametrize("kind", stories_except(KINDS, *QUICK))
-@pytest.mark.parametrize("dt", [0.01, 0.03])
+@pytest.mark.parametrize("dt", stories_except([0.01, 0.03], 0.03))
 def test_pulses_between_fixed_steps_are_named_with_a_step_that_sees_them(kind, dt):
     for place in (0.12, 0.21, 0.55):
         for length in (0.12, 0.4):
@@ -117,6 +117,7 @@ def test_pulses_between_fixed_steps_are_named_with_a_step_that_sees_them(kind, d
             assert not warnings_before(one, proposed, 0.7, doubts=[find_missed])
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.BDF2(), fc.ImplicitMidpoint()], ids=repr)
 def test_longest_bounds_the_steps_and_sees_the_pulse(method):
     cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.2, pattern="right")

@@ -12,6 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 STORIES = pytest.mark.stories
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("mu", "angle", "method"),
     [
@@ -55,6 +56,7 @@ def test_a_radius_of_contact_fits_the_height_of_the_plate():
     assert radii == pytest.approx([0.0, 0.1], abs=2e-3)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), pytest.param(fc.BDF2(), marks=STORIES)])
 def test_no_node_of_a_sheet_that_falls_on_a_ball_enters_it(method):
     result = drop(0.05, 0.35, method)

@@ -160,6 +160,7 @@ def test_a_sheet_thrown_at_an_obstacle_never_enters(name, method):
     assert 0 < min(least) < 1e-3  # it has met the obstacle
 
 
+@pytest.mark.stories
 def test_an_obstacle_that_moves_pushes_the_cloth():
     """Each by many gaps a step: a table, a disk thinner than its way in a step, a formula of t."""
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.06)

@@ -110,6 +110,7 @@ def leave(method, v, dt, phase):
     return apart / v, run
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("method", "v", "dt"),
     [
@@ -140,6 +141,7 @@ def plate(tmp_path_factory):
     return path
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("body", ["a mesh", "a thin rod"])
 def test_a_strip_does_not_leave_what_it_hits(body, plate):
     """With elastic pairs it leaves the mesh with 0.38 of its speed. The rod is under its middle."""

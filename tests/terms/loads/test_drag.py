@@ -82,6 +82,7 @@ def test_a_turned_and_shifted_state(sheet, isotropic, rng):
 # --- closed forms ---------------------------------------------------------------------------------
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("law", LAWS)
 def test_fall_of_a_level_plate_to_its_terminal_velocity(law, sheet, isotropic):
     """ρ v′ = ρ g − k vᵖ: v = v∞ tanh(g t/v∞) with v∞ = √(ρ g/k), or v∞ (1 − e^(−k t/ρ))."""
@@ -135,6 +136,7 @@ def test_momentum_of_a_falling_sheet_changes_by_the_force_of_the_stage(
         np.testing.assert_allclose(change, dt * pushed, rtol=1e-13, atol=dt * left)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("method", ["backward_euler", "implicit_midpoint"])
 def test_ledger_of_a_falling_plate_closes_to_round_off(method, law, sheet, isotropic, rng):

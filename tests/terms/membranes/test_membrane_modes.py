@@ -90,6 +90,7 @@ def test_frequencies_and_their_order(shape, pattern, mass, record_property):
         assert min(errors[-1]) > 0
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.CentralDifference()], ids=repr)
 @pytest.mark.parametrize("shape", ["rectangle", "disk"])
 def test_frequency_of_a_run(shape, method):

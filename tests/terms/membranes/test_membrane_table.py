@@ -6,6 +6,7 @@ import scipy
 from conftest import rough
 from scipy.integrate import quad
 from support.planned import warnings_before
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.errors import FeclothWarning, InputError
@@ -312,7 +313,7 @@ def test_an_equilibrium_beyond_a_curve_warns(rows, factor):
         fc.equilibrium(system, start)
 
 
-@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("element", stories_except(["P1", "P2"], "P1"))
 def test_a_run_counts_area_and_time_beyond_a_curve(element):
     """u = a X² t: E11 is beyond where X > X₀/t; at the end on a quarter, since t = 0.75."""
     last = J[-1, 0]
