@@ -24,6 +24,7 @@ def scene(tmp_path, monkeypatch):
     return str(path)
 
 
+@pytest.mark.stories
 def test_it_prints_a_frequency_a_line(scene, capsys, tmp_path):
     assert main(["modes", scene, "-n", "3", "-o", "shapes"]) == 0
     printed = capsys.readouterr()

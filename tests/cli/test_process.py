@@ -130,6 +130,7 @@ def test_the_terminal_prints_text_as_it_is(capsys, name):
     assert capsys.readouterr().err == f"warning: the region {name} is heavy\n"
 
 
+@pytest.mark.stories
 def test_a_region_named_as_markup(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     cloth = fc.Cloth.rectangle(1.0, 0.5, 0.25, "right")

@@ -115,16 +115,19 @@ GAIN += [fc.GeneralizedAlpha(0.5)]
 KEEP = [fc.EnergyMomentum("exact"), fc.BackwardEuler(), fc.BDF2(), fc.GeneralizedAlpha(0.0)]
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", GAIN, ids=repr)
 def test_these_make_energy_where_the_waves_are_not_resolved(method):
     assert swing(method) > 0.1
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", KEEP, ids=repr)
 def test_these_make_none_there(method):
     assert swing(method) < 1e-5
 
 
+@pytest.mark.stories
 def test_the_midpoint_rule_makes_none_below_the_explicit_limit():
     assert swing(fc.ImplicitMidpoint(), None, 0.1) < 1e-4
 
