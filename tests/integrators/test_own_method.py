@@ -37,6 +37,7 @@ def test_integrators_agree_with_their_stability_functions(own):
         assert found == pytest.approx(abs((1 + (1 - theta) * z) / (1 - theta * z)), rel=1e-10)
 
 
+@pytest.mark.stories
 def test_the_example_prints_their_orders(own):
     lines = re.findall(r"(\w+)\(.*order (\S+), at .* by \[(\S+) +(\S+)\]", own.printed)
     assert [line[0] for line in lines] == ["Theta", "SDIRK2", "BDF2"]

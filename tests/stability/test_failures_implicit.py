@@ -176,6 +176,7 @@ def pushed(term, force):
     return end.x[cloth.nodes("apex"), 1].mean()
 
 
+@pytest.mark.stories
 def test_springs_are_pushed_through():
     """A truss of two bars; its force 2 k (L₀/L − 1) y is largest at L = (L₀ b²)^(1/3)."""
     length = 0.25 ** (1 / 3)
@@ -236,6 +237,7 @@ METHODS = [
 ]
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("method", "dt"), METHODS, ids=repr)
 def test_it_goes_through_where_its_energy_suffices(method, dt):
     """½ I ω² against ½ k (π² − θ₀²); all stays finite, and the energy is that of the start."""

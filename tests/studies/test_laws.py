@@ -32,6 +32,7 @@ def moments():
 # --- the page -------------------------------------------------------------------------------------
 
 
+@pytest.mark.stories
 def test_page_is_generated_from_the_docstrings(curves, moments):
     assert laws.page(curves, moments) == PAGE, "run python -m studies.laws"
 
