@@ -14,11 +14,10 @@ from fecloth.study import processes
 from fecloth.study.cases import Case
 from fecloth.study.processes import run_in_processes
 
+pytestmark = pytest.mark.stories
 INTERRUPTED = """
 import os, signal, sys, time
 from fecloth import study
-
-pytestmark = pytest.mark.stories
 
 def sleep(x: int, folder: str) -> dict:
     open(f"{folder}/{os.getpid()}.process", "w").close()

@@ -15,6 +15,7 @@ from fecloth.study.measured_runs import measure
 from fecloth.study.setups import setup_of_function
 from fecloth.study.threads import NAMES
 
+pytestmark = pytest.mark.stories
 COMMANDS = """
 import os, sys
 import fecloth.study
@@ -38,9 +39,6 @@ import os
 import studies.benchmarks.{name}
 from fecloth.study.threads import NAMES
 from fecloth.compiled.team import Team
-
-pytestmark = pytest.mark.stories
-
 print(Team("auto").count, *(os.environ.get(each) for each in NAMES))
 """
 
