@@ -197,7 +197,7 @@ def test_terms_over_a_step(case, at_mean):
     assert all(len(w.terms) == len(apart.crew.here.system.bound) for w in apart.link.workers)
 
 
-@pytest.mark.parametrize("case", ["membranes", "P2"])
+@pytest.mark.parametrize("case", stories_except(["membranes", "P2"], "membranes"))
 def test_any_division_will_do(case, monkeypatch):
     """As pymetis divides a mesh: the nodes of a part do not follow one another."""
 

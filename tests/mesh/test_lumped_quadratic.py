@@ -98,6 +98,7 @@ def test_steps_are_stable_up_to_the_limit(pattern, terms):
         assert growth(system, kind(beyond_limit=True), 1.05 * limit, 200) > 1e3
 
 
+@pytest.mark.stories
 def test_forward_euler_is_stable_up_to_its_limit():
     damped = [fc.StVK(), fc.PlateBending(), fc.StrainRateDamping(0.002), fc.BendingDamping(0.02)]
     system = fc.System(square("right", 0.5), FABRIC, damped, ["left"], "lumped")

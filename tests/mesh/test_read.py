@@ -197,7 +197,9 @@ def saved(tmp_path, name, cells, points=None, **extra):
     return path
 
 
-@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".obj", ".ply", ".off", ".inp"])
+@pytest.mark.parametrize(
+    "suffix", stories_except([".vtu", ".vtk", ".obj", ".ply", ".off", ".inp"], ".vtu", ".obj")
+)
 def test_round_trip_through_meshio(tmp_path, suffix):
     mesh = rectangle(1.0, 0.5, 0.2)
     back = read(saved(tmp_path, f"s{suffix}", [("triangle", mesh.triangles)], mesh.X))

@@ -136,6 +136,7 @@ def scene(tmp_path, monkeypatch):
     return load_scene("scene.toml", ["output.format='vtkhdf'", "output.restart_steps=2"])
 
 
+@pytest.mark.stories
 def test_a_full_disk_at_the_end_leaves_the_frames_and_the_run_goes_on(scene, monkeypatch):
     def refuse(*_):
         raise DiskFull("out/run.vtkhdf cannot be written: no space")

@@ -102,6 +102,7 @@ def test_a_restart_whose_time_is_not_finite_is_passed_over(scene, tmp_path):
     assert run(scene, "out", resume=True).status == "done"
 
 
+@pytest.mark.stories
 def test_a_run_killed_before_its_summary_writes_report_and_summary_at_resume(
     scene, tmp_path, monkeypatch
 ):

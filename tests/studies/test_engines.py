@@ -187,6 +187,7 @@ def fecloth():
     return load_adapter(f"{engines.HERE / 'fecloth_p1.py'}:run")
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", RESTING | MOVING)
 def test_fecloth_is_right_on_a_coarse_mesh(name, fecloth):
     rows = [run_level(fecloth, CASES[name], level) for level in (0, 1)]

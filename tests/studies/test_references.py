@@ -106,6 +106,7 @@ def test_trampoline_mean_deflection_converges(meshes):
     assert 2 * changes[-1] < 1e-4
 
 
+@pytest.mark.stories
 def test_trampoline_centre_converges(meshes, times):
     before = times < 0.115
     centre = {n: run.centre for n, run in meshes.items()}

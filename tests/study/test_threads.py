@@ -39,6 +39,7 @@ import os
 import studies.benchmarks.{name}
 from fecloth.study.threads import NAMES
 from fecloth.compiled.team import Team
+
 print(Team("auto").count, *(os.environ.get(each) for each in NAMES))
 """
 

@@ -107,7 +107,7 @@ def frame_of(normal):
 
 
 @pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("solver", stories_except(["direct", "pcg", "multigrid"], "direct", "pcg"))
+@pytest.mark.parametrize("solver", stories_except(["direct", "pcg", "multigrid"], "pcg"))
 def test_uniaxial_tension_between_two_slides(solver, turned, small, isotropic, rng):
     """The sides contract freely: E22 = −ν E11, and the force is Y E11 λ times the width.
 

@@ -10,6 +10,7 @@ from conftest import flat
 from scipy.spatial import cKDTree
 from support.obstacles import near
 from support.planned import warnings_before
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.errors import InputError
@@ -141,7 +142,9 @@ def least_distance(bound, x, t=0.0):
     return min(distances)
 
 
-@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
+@pytest.mark.parametrize(
+    "method", stories_except([fc.BackwardEuler(), fc.BDF2()], fc.BDF2()), ids=["be", "bdf2"]
+)
 @pytest.mark.parametrize(
     "name",
     ["plane", "sphere", *(pytest.param(n, marks=STORIES) for n in ("capsule", "box", "sdf"))],

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import affine, flat, rough
 from support.fast_states import fast_states
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators import METHODS
@@ -108,7 +109,7 @@ def test_fall_of_a_level_plate_to_its_terminal_velocity(law, sheet, isotropic):
 # --- the balance of momentum and of energy, step by step ------------------------------------------
 
 
-@pytest.mark.parametrize("term", ["drag", "wind"])
+@pytest.mark.parametrize("term", stories_except(["drag", "wind"], "wind"))
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("method", ["backward_euler", "implicit_midpoint"])
 def test_momentum_of_a_falling_sheet_changes_by_the_force_of_the_stage(
