@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tokenize
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ ORDER = PACKAGES.split()
 ROOT_FILES = {"__init__", "__main__", "errors", "validation", "homogenisation", "verify"}
 
 
+@cache
 def imports_of(source: Path) -> set[str]:
     """Packages of fecloth that a file imports from, at its top or inside its functions."""
     packages = set()
@@ -34,6 +36,7 @@ def imports_of(source: Path) -> set[str]:
     return packages
 
 
+@cache
 def files_imported_by(source: Path, package: Path) -> set[Path]:
     """Files of a package that a file imports, also inside functions and for annotations alone."""
     files = set()

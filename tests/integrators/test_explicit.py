@@ -73,7 +73,7 @@ def growth(method, omega_dt, zeta, steps=400):
         (CENTRAL, 0.1, 2 * (np.sqrt(1 + 4 * 0.1**2) - 2 * 0.1)),
         (CENTRAL, 0.5, 2 * (np.sqrt(1 + 4 * 0.5**2) - 2 * 0.5)),
         (CENTRAL, 1.0, 2 * (np.sqrt(1 + 4 * 1.0**2) - 2 * 1.0)),
-        (EULER, 0.1, 0.2),
+        pytest.param(EULER, 0.1, 0.2, marks=pytest.mark.stories),
         pytest.param(EULER, 0.5, 1.0, marks=pytest.mark.stories),
     ],
     ids=lambda value: named(value) if hasattr(value, "traits") else f"{value:.3g}",

@@ -88,6 +88,7 @@ def test_steps_may_be_chosen_by_the_error(own, swinging):
     assert len(found.times) < len(result.times)  # its error constant is five times smaller
 
 
+@pytest.mark.stories
 def test_check_integrator_catches_a_wrong_order(own, cloth, isotropic):
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
     start = system.state(system.rest().x * [1.1, 1.1, 1])

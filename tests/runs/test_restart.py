@@ -316,6 +316,7 @@ def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monk
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.stories
 def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys):
     scene.write_text(UNASKED)
     folder = tmp_path / "out"

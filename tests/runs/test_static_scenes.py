@@ -146,6 +146,7 @@ def test_a_complete_run_cannot_go_on(scene, capsys):
     assert "the run in out is complete: nothing is left to do" in capsys.readouterr().err
 
 
+@pytest.mark.stories
 def test_a_picture_is_of_a_part_of_the_loads(scene, capsys, tmp_path):
     pytest.importorskip("pyvista")
     assert main(["run", str(scene), "-o", "out", "--quiet"]) == 0

@@ -25,7 +25,10 @@ from fecloth.linalg.select import direct
 from fecloth.nonlinear.eigenpairs import find_all, least_eigenpairs
 
 # steps are coarse and meshes small by intent
-pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+pytestmark = [
+    pytest.mark.stories,
+    pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning"),
+]
 
 DRUM = fc.Fabric(areal_density=0.2, tensile_stiffness=1e4, poisson_ratio=0.3)
 ORDERS = {"P1": 2.0, "P2": 4.0}
