@@ -1,7 +1,10 @@
 """Cloths, fabrics and states that many tests share."""
 
 import os
+import sys
 
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):  # each process would compile all sources anew
+    sys.dont_write_bytecode = False
 if "PYTEST_XDIST_WORKER" in os.environ:  # one process a core: threads would wait for each other
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")

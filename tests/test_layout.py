@@ -1,10 +1,12 @@
 """The layout: a package imports only from those before it in the order of fecloth/README.md."""
 
 import ast
+import os
 import re
 import subprocess
 import sys
 import tokenize
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,7 @@ ORDER = PACKAGES.split()
 ROOT_FILES = {"__init__", "__main__", "errors", "validation", "homogenisation", "verify"}
 
 
+@cache
 def imports_of(source: Path) -> set[str]:
     """Packages of fecloth that a file imports from, at its top or inside its functions."""
     packages = set()
@@ -33,6 +36,7 @@ def imports_of(source: Path) -> set[str]:
     return packages
 
 
+@cache
 def files_imported_by(source: Path, package: Path) -> set[Path]:
     """Files of a package that a file imports, also inside functions and for annotations alone."""
     files = set()
@@ -175,3 +179,31 @@ def test_every_ignored_type_error_is_named_and_explained():
         for line in source.read_text().splitlines():
             if "# type: ignore" in line:
                 assert re.search(r"# type: ignore\[[a-z, -]+\]  # \w", line), f"{source}: {line}"
+
+
+# --- the tests themselves -------------------------------------------------------------------------
+
+# packages that take a tenth of a second or more to import, and few tests need
+HEAVY = """pyvista vtkmodules matplotlib.pyplot hypothesis pypardiso distributed IPython sphinx
+playwright pxr mujoco torch warp newton petsc4py mpi4py"""
+COLLECT = f"""
+import sys, pytest
+options = ["--collect-only", "-q", "-o", "addopts=--doctest-modules --ignore=fecloth/__main__.py"]
+assert pytest.main([*options, "-p", "no:cacheprovider"]) == 0
+print("imported:", *(name for name in {HEAVY.split()} if name in sys.modules))
+"""
+
+
+@pytest.mark.stories
+def test_collecting_the_tests_imports_no_heavy_package():
+    """They are imported by the tests that need them, else each worker spends seconds on them."""
+    environment = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    run = subprocess.run(
+        [sys.executable, "-c", COLLECT],
+        cwd=PACKAGE.parent,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.splitlines()[-1] == "imported:"

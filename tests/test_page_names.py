@@ -7,6 +7,7 @@ import importlib
 import inspect
 import re
 import tomllib
+from functools import cache
 
 import pytest
 from support.pages import NAMES, ROOT, SPANS, Section, anchors, read
@@ -29,18 +30,24 @@ TEXT = "\n".join(map(read, NAMES))
 # what the version brings, without the former names at its end
 NEWS = read("CHANGELOG.md").split("\n## ")[1].split("\n### Names and defaults")[0]
 SPANS = [*SPANS, *Section("CHANGELOG.md", "news", NEWS).spans]
-SOURCES = [path.read_text() for at in ("fecloth", "studies") for path in (ROOT / at).rglob("*.py")]
-CLASSES = set(re.findall(r"^class (\w+)", "\n".join([TEXT, *SOURCES]), re.MULTILINE))
 FILE = re.compile(r"\.(py|toml|csv|json|log|html|npz|pvd|vtu|geo|msh)$")
 
 
 # --- names ----------------------------------------------------------------------------------------
 
 
+@cache
+def classes():
+    """The names of all classes in pages, sources and studies."""
+    sources = [path for at in ("fecloth", "studies") for path in (ROOT / at).rglob("*.py")]
+    texts = "\n".join([TEXT, *(path.read_text() for path in sources)])
+    return set(re.findall(r"^class (\w+)", texts, re.MULTILINE))
+
+
 def found(dotted):
     """The object of fecloth of that name, None for a class elsewhere; KeyError if there is none."""
     first, *rest = dotted.split(".")
-    if dotted in CLASSES and not hasattr(fc, dotted):
+    if dotted in classes() and not hasattr(fc, dotted):
         return None
     at = ROOTS[first] if first in ROOTS else getattr(fc, first, None)
     if first == "study" and rest and hasattr(fc.study.Study, rest[0]):

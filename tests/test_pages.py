@@ -143,6 +143,7 @@ def clone(runs, tmp_path, monkeypatch):
 # --- blocks ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("page", sorted({s.page for s in SECTIONS if "```python" in s.text}))
 def test_python_blocks_run(page, clone, capsys):
     """In order, in one namespace a page; and the files that they name are there."""
@@ -206,6 +207,7 @@ def distinct(commands):
     return found.values()
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("command", distinct(OURS))
 def test_commands_run(command, clone, monkeypatch):
     monkeypatch.setattr("fecloth.study.measured_runs.LONG_ENOUGH", 0.0)  # each is run once
@@ -279,6 +281,7 @@ def test_every_command_is_run_by_a_test(command):
     assert known or command.startswith(ELSEWHERE)
 
 
+@pytest.mark.stories
 def test_files_of_a_run_are_those_of_the_table(runs):
     text = read("fecloth/runs/README.md")
     (table,) = re.findall(r"^\| file \| what \|\n(?:\|.*\n)+", text, re.MULTILINE)

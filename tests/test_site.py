@@ -28,7 +28,7 @@ from fecloth.quantities.formula_functions import FUNCTIONS
 NEEDS = ("sphinx", "numpydoc", "myst_nb", "jupytext", "ipykernel")
 MISSING = [name for name in NEEDS if find_spec(name) is None]
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.stories,
     pytest.mark.skipif(bool(MISSING), reason=f"needs {', '.join(MISSING)} of the extra [docs]"),
 ]
 

@@ -46,7 +46,7 @@ def installed(tmp_path_factory):
     return call
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_the_wheel_makes_a_scene_a_run_pictures_and_a_study(installed):
     where = installed("-c", "import fecloth; print(fecloth.__file__)")
     assert Path(where.strip()).is_relative_to(installed.packages)

@@ -1,7 +1,7 @@
 """Quantities that cases ask for: values over time of displacements u (times, n, 3) [m]."""
 
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator
+import scipy
 
 from fecloth.bench.cases import points
 
@@ -18,7 +18,7 @@ def point(case: dict, u: np.ndarray, axis: int, at: list, beside: list | None = 
 
     If there is a point `beside`, it is relative to the displacement of that point.
     """
-    displacement = LinearNDInterpolator(case["X"], u[:, :, axis].T)
+    displacement = scipy.interpolate.LinearNDInterpolator(case["X"], u[:, :, axis].T)
     if beside is None:
         return displacement(*at)
     return displacement(*at) - displacement(*beside)

@@ -91,6 +91,7 @@ def test_a_period_is_twice_the_time_between_zeros():
     assert np.isnan(quantities.period(case, u[:20], 2))  # one zero
 
 
+@pytest.mark.stories
 def test_a_shadow_counts_what_is_covered_once():
     case, support = at_level(CASES["drape"], 0), 0.0635
     flat = np.pad(case["X"], ((0, 0), (0, 1)))
@@ -115,6 +116,7 @@ def test_an_exact_adapter_has_no_error_and_a_wrong_one_its_own(file):
     assert wrong["error"] == pytest.approx(0.05 / scale)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("function", "status"),
     [

@@ -14,7 +14,6 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-import pyvista
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -226,6 +225,8 @@ def long_run(scene, out, **options):
 def opens(out):
     """The .pvd's frames, read by VTK; their times."""
     times = frame_times(out / "run.pvd")
+    import pyvista  # takes two seconds
+
     reader = pyvista.get_reader(out / "run.pvd")
     assert reader.time_values == times
     reader.set_active_time_value(times[-1])
@@ -233,6 +234,7 @@ def opens(out):
     return times
 
 
+@pytest.mark.stories
 def test_ctrl_c_leaves_a_readable_result_and_reports_it(scene, tmp_path):
     out = tmp_path / "run"
     running = long_run(scene, out)
@@ -249,6 +251,7 @@ def test_ctrl_c_leaves_a_readable_result_and_reports_it(scene, tmp_path):
     assert len(rows(out / "energies.csv")) == summary["steps"] + 1
 
 
+@pytest.mark.stories
 def test_a_killed_run_leaves_a_pvd_that_opens(scene, tmp_path):
     out = tmp_path / "run"
     running = long_run(scene, out)
@@ -258,6 +261,7 @@ def test_a_killed_run_leaves_a_pvd_that_opens(scene, tmp_path):
     assert len(opens(out)) >= 3
 
 
+@pytest.mark.stories
 def test_energy_balance_that_does_not_close_is_reported(scene, capsys):
     make = ["--set", 'time.method="implicit_midpoint"', "--set", "terms.1.time=1e-9"]
     assert main(["run", str(scene), "-o", "good", *make, "--set", "time.dt=0.001"]) == 0
@@ -291,6 +295,7 @@ def test_energy_balance_that_does_not_close_is_reported(scene, capsys):
     assert 0.5 < summary["t"] < 1
 
 
+@pytest.mark.stories
 def test_a_run_goes_on_from_a_frame_at_its_time(scene):
     shake = ["--set", "pins.0.motion=['0', '0', '0.05*sin(40*t)']", "--quiet"]
     shake += ["--set", "solver.tolerance=1e-8"]  # both are compared more closely than their error
@@ -313,6 +318,7 @@ def test_overwrite_replaces_runs_only(scene, capsys):
     assert Path("mine/summary.json").read_text() == "keep"
 
 
+@pytest.mark.stories
 def test_failure_during_a_run_exits_with_status_3(scene, capsys):
     text = scene.read_text().replace(
         "[[pins]]", "[[terms]]\ntype = 'Pressure'\np = '1/(t-0.05)'\n[[pins]]"

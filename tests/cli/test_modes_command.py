@@ -24,6 +24,7 @@ def scene(tmp_path, monkeypatch):
     return str(path)
 
 
+@pytest.mark.stories
 def test_it_prints_a_frequency_a_line(scene, capsys, tmp_path):
     assert main(["modes", scene, "-n", "3", "-o", "shapes"]) == 0
     printed = capsys.readouterr()
@@ -36,6 +37,7 @@ def test_it_prints_a_frequency_a_line(scene, capsys, tmp_path):
     assert len(list((tmp_path / "shapes" / "frames").glob("*.vtu"))) == 3
 
 
+@pytest.mark.stories
 def test_it_writes_a_report_with_the_picture_of_the_shapes(scene, capsys, tmp_path):
     more = ["--set", "cloth.h=0.2", "--set", "title='a drum'"]
     assert main(["modes", scene, "-n", "13", "-o", "shapes", *more]) == 0

@@ -62,7 +62,7 @@ def test_the_files_of_a_specimen_fit_together(written, tmp_path):
     assert along is None or list(along.values()) == ["grip.x"]
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_the_scene_of_a_specimen_runs(written, capsys):
     changes = [word for change in COARSE[written] for word in ("--set", change)]
     assert main(["run", "my cotton.toml", "--quiet", *changes]) == 0
@@ -97,6 +97,7 @@ SCENES = {  # settings that make the runs short
 }
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("kind", SCENES)
 def test_a_new_scene_runs_at_once(kind, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

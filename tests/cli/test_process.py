@@ -12,6 +12,7 @@ import time
 
 import pytest
 from rich.markup import escape
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -60,7 +61,7 @@ def shell(line: str, **environment: str) -> subprocess.CompletedProcess:
 # --- pipes and full disks -------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("redirection", ["2>&1 | head -1", "> /dev/full 2>&1", ">&- 2>&-"])
 def test_where_the_text_goes_does_not_decide_about_a_run(scene, tmp_path, redirection):
     """It writes to both streams, of which each may be lost."""
@@ -70,7 +71,7 @@ def test_where_the_text_goes_does_not_decide_about_a_run(scene, tmp_path, redire
     assert (tmp_path / "out/sheet/summary.json").is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("redirection", "status"),
     [
@@ -85,7 +86,7 @@ def test_lost_text_is_a_failure_only_where_a_disk_is_full(scene, redirection, st
     assert b"Traceback" not in found.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_lost_output_is_a_failure_where_it_is_the_result(scene):
     found = shell("FECLOTH mesh sheet.toml > /dev/full")
     assert found.returncode == 3
@@ -95,7 +96,9 @@ def test_lost_output_is_a_failure_where_it_is_the_result(scene):
 # --- encodings ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "latin-1", "ascii", "utf-16"])
+@pytest.mark.parametrize(
+    "encoding", stories_except(["cp1252", "latin-1", "ascii", "utf-16"], "ascii")
+)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_any_encoding_of_the_output(scene, monkeypatch, command, encoding):
     streams = {"stdout": "strict", "stderr": "backslashreplace"}  # as Python opens them
@@ -104,14 +107,14 @@ def test_any_encoding_of_the_output(scene, monkeypatch, command, encoding):
     assert main(shlex.split(command)) == (2 if "widht" in command else 0)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_an_encoding_of_the_process(scene):
     found = shell("FECLOTH info sheet.toml", PYTHONIOENCODING="ascii")
     assert found.returncode == 0, found.stderr
     assert b"Traceback" not in found.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_the_c_locale(scene):
     found = shell("FECLOTH run sheet.toml", LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")
     assert found.returncode == 0, found.stderr
@@ -127,6 +130,7 @@ def test_the_terminal_prints_text_as_it_is(capsys, name):
     assert capsys.readouterr().err == f"warning: the region {name} is heavy\n"
 
 
+@pytest.mark.stories
 def test_a_region_named_as_markup(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     cloth = fc.Cloth.rectangle(1.0, 0.5, 0.25, "right")
@@ -160,7 +164,7 @@ def stopped(number: int, seconds: float, *command: str) -> tuple[int, str]:
     return process.returncode, errors
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("number", SIGNALS[:2])
 def test_a_signal_at_any_moment_is_status_4_or_comes_after_the_end(scene, tmp_path, number):
     """From the imports to the end of the process; a status of 0 means that all is written."""
@@ -178,7 +182,7 @@ def test_a_signal_at_any_moment_is_status_4_or_comes_after_the_end(scene, tmp_pa
     assert 4 in seen
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("number", SIGNALS[:2])
 def test_a_signal_after_the_end_of_a_run_leaves_status_0(scene, tmp_path, number):
     """Sent as soon as the summary is there, which is the last file."""
@@ -194,7 +198,7 @@ def test_a_signal_after_the_end_of_a_run_leaves_status_0(scene, tmp_path, number
         assert process.returncode == 0, errors
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_nohup_ignores_the_end_of_the_terminal(scene):
     line = "nohup FECLOTH run sheet.toml --quiet & sleep 0.5; kill -HUP $!; wait $!"
     assert shell(line).returncode == 0

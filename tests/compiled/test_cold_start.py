@@ -40,7 +40,7 @@ KERNELS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_scene_compiles_what_it_names_and_nothing_else(tmp_path):
     """Each entry point has a file in the cache: `module.function-line.python.nbi`."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
@@ -52,6 +52,7 @@ def test_a_scene_compiles_what_it_names_and_nothing_else(tmp_path):
     assert compiled == KERNELS
 
 
+@pytest.mark.stories
 def test_a_scene_imports_no_library_that_it_does_not_use():
     """Each of these takes 0.03 to 1 s; the scene has no mesh file, factor, picture or table."""
     unused = ["gmsh", "meshio", "pypardiso", "pydantic", "rich", "jinja2", "pebble", "ipctk"]

@@ -56,6 +56,7 @@ def in_a_new_process(package, cache, program=PROGRAM, folder=""):
     return json.loads(done.stdout)
 
 
+@pytest.mark.stories
 def test_second_process_compiles_only_after_a_source_changed(copy, tmp_path):
     cache = tmp_path / "cache"
     cache.mkdir()
@@ -147,6 +148,7 @@ print(json.dumps({"found": found, "compiled": compiled}))
 """
 
 
+@pytest.mark.stories
 def test_code_of_a_user_is_compiled_anew_only_when_its_content_changes(tmp_path):
     cache, folder = tmp_path / "cache", tmp_path / "user"
     cache.mkdir()

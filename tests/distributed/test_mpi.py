@@ -92,12 +92,12 @@ def rows(text: str) -> np.ndarray:
     return np.array([[float(c) for c in line.split(",")] for line in text.split()[1:]])
 
 
-SLOW = pytest.mark.slow
+STORIES = pytest.mark.stories
 CASES = [
     pytest.param(2, "hinges", "", TIME.format("multigrid"), id="hinges, 2"),
     pytest.param(3, "plate", MOVED, TIME.format("auto"), id="plate, moved, 3"),
-    pytest.param(3, "hinges", "", TIME.format("multigrid"), id="hinges, 3", marks=SLOW),
-    pytest.param(2, "plate", "clamp = true", TIME.format("direct"), id="clamp, 2", marks=SLOW),
+    pytest.param(3, "hinges", "", TIME.format("multigrid"), id="hinges, 3", marks=STORIES),
+    pytest.param(2, "plate", "clamp = true", TIME.format("direct"), id="clamp, 2", marks=STORIES),
 ]
 
 
@@ -116,7 +116,7 @@ def test_the_same_as_on_one_process(tmp_path, processes, terms, pin, time):
 
 
 @needs_mpi
-@pytest.mark.slow
+@pytest.mark.stories
 def test_an_equilibrium_on_two_processes(tmp_path):
     scene = write(tmp_path, "hinges", "", STATIC)
     held = "--quiet", "--set", 'pins.0.where="boundary"'
@@ -126,7 +126,7 @@ def test_an_equilibrium_on_two_processes(tmp_path):
 
 
 @needs_mpi
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_run_goes_on_with_other_numbers_of_processes(tmp_path):
     scene = write(tmp_path, "hinges", "", TIME.format("multigrid"))
     run(1, scene, "-o", tmp_path / "one", "--quiet")
@@ -139,7 +139,7 @@ def test_a_run_goes_on_with_other_numbers_of_processes(tmp_path):
 
 
 @needs_mpi
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_killed_process_ends_the_run_and_leaves_restart_files(tmp_path):
     scene = write(tmp_path, "hinges", "", TIME.format("multigrid").replace("0.06", "60.0"))
     todo = command(2, scene, "-o", tmp_path / "out", "--quiet")
@@ -204,7 +204,7 @@ raise SystemExit(run_on_all(renew))
 
 
 @needs_mpi
-@pytest.mark.slow
+@pytest.mark.stories
 def test_solvers_that_are_made_anew_take_no_more_memory(tmp_path):
     script = tmp_path / "renew.py"
     script.write_text(RENEWED)
@@ -212,7 +212,7 @@ def test_solvers_that_are_made_anew_take_no_more_memory(tmp_path):
 
 
 @needs_mpi
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("study", "says"),
     [
@@ -247,6 +247,7 @@ def test_the_number_of_processes_comes_from_the_environment(monkeypatch):
     assert count_processes() == 3
 
 
+@pytest.mark.stories
 def test_a_run_on_one_process_imports_no_mpi():
     code = "import sys, fecloth.cli.main, fecloth.runs.run_scene; print('mpi4py' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

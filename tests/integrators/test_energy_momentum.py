@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import rough
 from support.over_step import energy_momentum as over_step
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
@@ -147,7 +148,7 @@ FLIGHTS = [[fc.StVK()], [fc.BaraffWitkin()], [fc.StVK(), fc.HingeBending()]]
 FLIGHTS += [[term] for term in [*SPRINGS, *GENERAL]]
 
 
-@pytest.mark.parametrize("terms", FLIGHTS, ids=repr)
+@pytest.mark.parametrize("terms", stories_except(FLIGHTS, FLIGHTS[0]), ids=repr)
 def test_a_free_flight_keeps_everything_at_a_coarse_step(terms, cloth):
     method = fc.EnergyMomentum(tangent="exact")  # its last iteration goes down to round-off
     result, (p0, L0), (p1, L1) = flight(cloth, terms, method, 2e-3, 0.1)
@@ -178,7 +179,7 @@ def swing(method):
     return kinetic, np.array([sum(energy.values()) for energy in energies])
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_stiff_swing_gains_no_energy():
     """No step resolves a wave in the plane, and the midpoint rule makes energy out of that."""
     kinetic, total = swing(fc.EnergyMomentum())
@@ -188,6 +189,7 @@ def test_a_stiff_swing_gains_no_energy():
     assert made.max() > 10 * kinetic.max()
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     "terms",
     [
@@ -231,6 +233,7 @@ def test_the_symmetric_tangent_finds_the_same_solution_with_conjugate_gradients(
     np.testing.assert_allclose(*ends, atol=1e-9)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("damping", [0.0, 0.003])
 @pytest.mark.parametrize(("pattern", "rate"), [("right", 5.0), ("equilateral", 30.0)])
 def test_a_net_that_turns_without_stretch_meets_no_jump_of_the_force(pattern, rate, damping):
@@ -255,6 +258,7 @@ def test_the_force_of_springs_over_a_turn_has_no_jump_at_a_small_stretch(cloth):
         assert np.linalg.norm(f - forces[-1]) < 1e-3 * np.linalg.norm(forces[-1])
 
 
+@pytest.mark.stories
 def test_the_exact_tangent_helps_where_the_symmetric_one_does_not_converge():
     """A sheet that turns by 0.6 rad in each step."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1)

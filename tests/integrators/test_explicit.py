@@ -8,6 +8,7 @@ import scipy.linalg
 import scipy.sparse as sparse
 from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, CentralDifference, ForwardEuler, SymplecticEuler
@@ -72,8 +73,8 @@ def growth(method, omega_dt, zeta, steps=400):
         (CENTRAL, 0.1, 2 * (np.sqrt(1 + 4 * 0.1**2) - 2 * 0.1)),
         (CENTRAL, 0.5, 2 * (np.sqrt(1 + 4 * 0.5**2) - 2 * 0.5)),
         (CENTRAL, 1.0, 2 * (np.sqrt(1 + 4 * 1.0**2) - 2 * 1.0)),
-        (EULER, 0.1, 0.2),
-        (EULER, 0.5, 1.0),
+        pytest.param(EULER, 0.1, 0.2, marks=pytest.mark.stories),
+        pytest.param(EULER, 0.5, 1.0, marks=pytest.mark.stories),
     ],
     ids=lambda value: named(value) if hasattr(value, "traits") else f"{value:.3g}",
 )
@@ -124,7 +125,7 @@ def test_ledger_closes_on_a_linear_problem(method, isotropic):
     assert abs(energies["remainder"]).max() < 1e-10 * abs(energies["total"]).max()
 
 
-@pytest.mark.parametrize("method", ALL, ids=named)
+@pytest.mark.parametrize("method", stories_except(ALL, CENTRAL), ids=named)
 def test_pins_are_exact_and_reactions_carry_the_weight(method, small, isotropic):
     def motion(t):
         return np.array([np.sin(9 * t), 5.0, 0.3 * t])
@@ -213,6 +214,7 @@ t_end = 2e-3
     assert outcome
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("name", "method"), [("central_difference", CENTRAL), ("symplectic_euler", SYMPLECTIC)]
 )

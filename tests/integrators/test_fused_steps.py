@@ -85,6 +85,7 @@ def rows_of(system, start, dt, seconds, rows, **options):
     return fc.run(system, method, start, dt, start.t + seconds, rows=rows, **options)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("pins", [FIXED, MOVED])
 @pytest.mark.parametrize("dt", [1e-4, None])
 @pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
@@ -122,6 +123,7 @@ def test_a_run_with_a_row_at_each_step_makes_no_fused_steps(dt, monkeypatch):
         rows_of(system, start, dt, seconds, 5)
 
 
+@pytest.mark.stories
 def test_what_needs_python_is_not_fused():
     wind = fc.Wind(("t", 0, 1), normal=0.4)
     turned = fc.Pin("left", rotate=fc.Rotation((0, 0, 0), (1, 0, 0), "t"))
@@ -153,6 +155,7 @@ def test_a_force_whose_class_overrides_only_add_force_is_not_fused():
     assert FusedSteps.bind(system.with_bound([Weaker(**own)])) is None
 
 
+@pytest.mark.stories
 def test_an_unstable_run_fails_at_the_same_step():
     system, start = moving([fc.StVK(), GRAVITY], FIXED)
     dt, method = 1.3 * fc.critical_dt(system, start), fc.CentralDifference(beyond_limit=True)

@@ -5,6 +5,7 @@ import pytest
 import scipy.linalg
 from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
+from support.tiers import MASSES, in_turn
 
 import fecloth as fc
 from fecloth.integrators import METHODS, MethodTraits
@@ -21,16 +22,16 @@ def named(method):
     return type(method).__name__
 
 
-@pytest.mark.parametrize("tangent", ["symmetric", "exact"])
-@pytest.mark.parametrize("method", ALL, ids=named)
+@pytest.mark.stories
+@pytest.mark.parametrize(("method", "tangent"), in_turn(ALL, ["symmetric", "exact"]), ids=str)
 def test_order_with_damping(method, tangent, small, isotropic):
     damping = fc.StrainRateDamping(0.002, tangent=tangent)
     system = fc.System(small, isotropic, [fc.StVK(), damping, fc.Gravity()], pins=["boundary"])
     check_integrator(system, method, taut_start(system), t_end=0.005, steps=(40, 80, 160, 320))
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@pytest.mark.parametrize("method", ALL, ids=named)
+@pytest.mark.stories
+@pytest.mark.parametrize(("method", "mass"), in_turn(ALL, MASSES), ids=str)
 def test_order_with_moved_pins(method, mass, small, isotropic):
     shake = fc.Pin("boundary", motion=lambda t: [0.0, 0.0, 0.01 * (1 - np.cos(60 * t))])
     terms = [fc.StVK(), fc.StrainRateDamping(0.002), fc.Gravity()]
@@ -52,8 +53,7 @@ def momenta(system, state):
     return p.sum(axis=0), np.cross(state.x, p).sum(axis=0)
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@pytest.mark.parametrize("method", ALL, ids=named)
+@pytest.mark.parametrize(("method", "mass"), in_turn(ALL, MASSES), ids=str)
 def test_momentum_of_a_free_cloth(method, mass, small, isotropic, rng):
     system = fc.System(small, isotropic, [fc.StVK(), fc.StrainRateDamping(0.005)], mass=mass)
     x = affine(small, [[1.1, 0.0], [0.1, 1.05], [0.0, 0.2]])

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 from conftest import affine
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.compiled.team import SMALLEST_SHARED_LOOP
@@ -35,7 +35,7 @@ def test_equals_single_steps(pins, orthotropic, rng):
         assert abs((end.x - start.x)[right] @ [1.0, 0.5, 0.2]).max() < 1e-14
 
 
-@pytest.mark.parametrize("steps", slow_except([1, 50, 51], 1, 51))
+@pytest.mark.parametrize("steps", stories_except([1, 50, 51], 51))
 @pytest.mark.parametrize("renumber", [True, False])
 def test_two_threads_give_the_same_bits_as_one(renumber, steps, orthotropic, rng):
     """Also on a mesh numbered at random, where one thread does all triangles."""
@@ -87,6 +87,7 @@ def test_constant_loads_are_those_of_single_steps(load, isotropic):
     np.testing.assert_allclose(end.v, slow.v, rtol=0, atol=1e-9)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("terms", [[fc.NeoHookean(), fc.HingeBending()], [fc.Springs()]])
 @pytest.mark.parametrize("damping", [fc.StrainRateDamping(1e-5), fc.MassDamping(3.0)])
 def test_any_compiled_terms_and_moved_pins_are_served(terms, damping, rng):

@@ -25,6 +25,7 @@ def cloth():
     return fc.Cloth.rectangle(0.4, 0.3, h=0.1, pattern="right")
 
 
+@pytest.mark.stories
 def test_integrators_agree_with_their_stability_functions(own):
     """R(z) at z = iω dt: of θ (1 + (1 − θ) z)/(1 − θ z), of SDIRK2 (1 + (1 − 2γ) z)/(1 − γ z)²."""
     omega = np.array([1e-2, 0.3, 1.0, 30.0])
@@ -36,6 +37,7 @@ def test_integrators_agree_with_their_stability_functions(own):
         assert found == pytest.approx(abs((1 + (1 - theta) * z) / (1 - theta * z)), rel=1e-10)
 
 
+@pytest.mark.stories
 def test_the_example_prints_their_orders(own):
     lines = re.findall(r"(\w+)\(.*order (\S+), at .* by \[(\S+) +(\S+)\]", own.printed)
     assert [line[0] for line in lines] == ["Theta", "SDIRK2", "BDF2"]
@@ -55,6 +57,7 @@ def swinging(cloth, isotropic):
     return system, system.state(system.rest().x * [1.1, 1.05, 1])
 
 
+@pytest.mark.stories
 def test_they_serve_a_run_with_moved_pins_and_its_ledger(own, swinging, cloth):
     """The pinned edge is where it should be; half the step leaves a quarter of the remainder."""
     system, start = swinging
@@ -74,6 +77,7 @@ def test_they_serve_a_run_with_moved_pins_and_its_ledger(own, swinging, cloth):
     assert remainders["SDIRK2()", 1e-3] > 3 * remainders["SDIRK2()", 5e-4]
 
 
+@pytest.mark.stories
 def test_steps_may_be_chosen_by_the_error(own, swinging):
     system, start = swinging
     for method in (own.SDIRK2(), fc.BDF2()):
@@ -84,6 +88,7 @@ def test_steps_may_be_chosen_by_the_error(own, swinging):
     assert len(found.times) < len(result.times)  # its error constant is five times smaller
 
 
+@pytest.mark.stories
 def test_check_integrator_catches_a_wrong_order(own, cloth, isotropic):
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
     start = system.state(system.rest().x * [1.1, 1.1, 1])

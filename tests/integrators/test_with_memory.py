@@ -7,6 +7,7 @@ import pytest
 import scipy.linalg
 from conftest import affine, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
+from support.tiers import MASSES, in_turn
 
 import fecloth as fc
 from fecloth.integrators.newmark import Acceleration
@@ -134,6 +135,7 @@ def test_the_starting_acceleration_is_consistent(mass, small, isotropic):
         np.testing.assert_allclose(free.state.v, told.state.v, atol=1e-9)
 
 
+@pytest.mark.stories
 def test_bdf2_keeps_its_order_where_the_steps_change(small, isotropic):
     """Steps in the ratios 2 and ½ by turns, refined: the change of the end falls by 2² each."""
     terms = [fc.StVK(), fc.StrainRateDamping(0.002), fc.Gravity()]
@@ -154,8 +156,8 @@ def test_bdf2_keeps_its_order_where_the_steps_change(small, isotropic):
 METHODS = [*ONE_STEP, fc.BDF2()]
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@pytest.mark.parametrize("method", METHODS, ids=repr)
+@pytest.mark.stories
+@pytest.mark.parametrize(("method", "mass"), in_turn(METHODS, MASSES), ids=str)
 def test_ledger_of_a_linear_problem(method, mass, small, isotropic):
     """Closes; with fixed pins only Newmark's rule and ρ∞ = 1 at γ = ½ take nothing themselves."""
     terms = [LinearMembrane(), LinearDamping(0.01), fc.Gravity()]

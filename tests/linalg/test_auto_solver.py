@@ -1,6 +1,6 @@
 """The solver "auto": its choice between conjugate gradients, multigrid and a factorisation."""
 
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -15,12 +15,28 @@ from fecloth.linalg import direct, mkl_pardiso, multigrid, select
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 
 NOWHERE = np.zeros((400, 3))  # the positions do not matter to PCG and direct solvers
-EASY, HARD = sheet(m=20, mass=500.0), sheet(m=20, mass=1e-5)  # 5 and 270 iterations to 1e-6
-MIDDLE = sheet(m=20, mass=0.3)  # about 40 iterations
+
+
+@cache
+def easy():
+    """A matrix that takes 5 iterations to 1e-6."""
+    return sheet(m=20, mass=500.0)
+
+
+@cache
+def middle():
+    """A matrix that takes about 40 iterations."""
+    return sheet(m=20, mass=0.3)
+
+
+@cache
+def hard():
+    """A matrix that takes 270 iterations."""
+    return sheet(m=20, mass=1e-5)
 
 
 def auto():
-    return select.choose(EASY.pattern, True)[0]
+    return select.choose(easy().pattern, True)[0]
 
 
 def steps(solver, A, count, wx=1.0):
@@ -36,11 +52,11 @@ def steps(solver, A, count, wx=1.0):
 
 
 def test_auto_factorises_hard_matrices_at_once_and_stays_there():
-    assert steps(auto(), HARD, 30) == [select.direct().name] * 30
+    assert steps(auto(), hard(), 30) == [select.direct().name] * 30
 
 
 def test_auto_iterates_on_easy_matrices():
-    assert steps(auto(), EASY, 30) == ["pcg"] * 30
+    assert steps(auto(), easy(), 30) == ["pcg"] * 30
 
 
 def with_block(A, i, j):
@@ -56,14 +72,14 @@ def test_auto_counts_what_a_pattern_costs_that_changes(changes):
     """A factor for each pattern costs more than 270 iterations; a factor for all costs less."""
     solver, names = auto(), []
     for i in range(60):  # new arrays each time, as contact makes them
-        names += steps(solver, with_block(HARD, 0, 200 + changes * (i % 2)), 1)
+        names += steps(solver, with_block(hard(), 0, 200 + changes * (i % 2)), 1)
     assert names[0] == select.direct().name
     assert names[-20:] == ["pcg" if changes else names[0]] * 20
 
 
 @pytest.mark.parametrize("kind", ["direct", "superlu", "multigrid"])
 def test_an_equal_pattern_is_analysed_once(kind, monkeypatch):
-    solver, b, made, open_ = select.create(kind), load(HARD), [], []
+    solver, b, made, open_ = select.create(kind), load(hard()), [], []
 
     def count(make, *args, **options):
         """Count the calls, but not the calls that a call makes for its coarser grids."""
@@ -76,7 +92,7 @@ def test_an_equal_pattern_is_analysed_once(kind, monkeypatch):
 
     for name, module in (("ScalarRows", direct), ("make_grids", multigrid)):
         monkeypatch.setattr(module, name, partial(count, getattr(module, name)))
-    for A in (with_block(HARD, 0, 200), with_block(EASY, 0, 200), with_block(HARD, 0, 201)):
+    for A in (with_block(hard(), 0, 200), with_block(easy(), 0, 200), with_block(hard(), 0, 201)):
         solver.prepare(A)
         x, _ = solver.solve(b, rtol=1e-6)
         assert relative(A, x, b) <= 1e-6
@@ -86,8 +102,8 @@ def test_an_equal_pattern_is_analysed_once(kind, monkeypatch):
 def test_auto_returns_to_pcg_if_iterations_become_few(monkeypatch):
     monkeypatch.setattr(select, "DECAY", 0.98)
     solver, other = auto(), select.direct().name
-    assert steps(solver, HARD, 4) == [other] * 4
-    names = steps(solver, EASY, 80)
+    assert steps(solver, hard(), 4) == [other] * 4
+    names = steps(solver, easy(), 80)
     returned = names.index("pcg")
     assert 5 < returned < 60
     assert names[returned:] == ["pcg"] * (80 - returned)
@@ -98,7 +114,7 @@ def test_auto_tries_pcg_again_at_times(monkeypatch):
     monkeypatch.setattr(select, "DECAY", 0.98)
     tried, prepare = [], select.PCG.prepare
     monkeypatch.setattr(select.PCG, "prepare", lambda self, A: tried.append(1) or prepare(self, A))
-    assert steps(auto(), HARD, 150) == [select.direct().name] * 150
+    assert steps(auto(), hard(), 150) == [select.direct().name] * 150
     assert 3 < len(tried) < 10
 
 
@@ -111,8 +127,8 @@ def test_auto_uses_a_factorisation_that_serves_many_steps(loading, changes, monk
     for _ in range(60):
         solver.begin(1.0, 1.0, NOWHERE)
         if solver.name == "pcg":
-            solver.prepare(MIDDLE)
-        names.append(solver.solve(load(MIDDLE), rtol=1e-6)[1].name)
+            solver.prepare(middle())
+        names.append(solver.solve(load(middle()), rtol=1e-6)[1].name)
     assert names[0] == "pcg"
     assert (names[-30:] == [select.direct().name] * 30) == changes
     assert (set(names) == {"pcg"}) != changes
@@ -122,37 +138,37 @@ def test_auto_uses_a_factorisation_that_serves_many_steps(loading, changes, monk
 def test_auto_begins_anew_if_the_step_changes_by_two(ratio, is_reset):
     for wx in (ratio, 1 / ratio):
         solver, other = auto(), select.direct().name
-        assert steps(solver, HARD, 3) == [other] * 3
+        assert steps(solver, hard(), 3) == [other] * 3
         solver.begin(wx, 1.0, NOWHERE)
         assert solver.name == ("pcg" if is_reset else other)
 
 
 def test_auto_follows_the_step_size():
     solver, other = auto(), select.direct().name
-    assert steps(solver, HARD, 3, wx=1.0) == [other] * 3
-    assert steps(solver, EASY, 1, wx=0.5) == [other]  # dt smaller by 1.4: the averages remain
-    assert steps(solver, EASY, 3, wx=1e-4) == ["pcg"] * 3
-    assert steps(solver, HARD, 3, wx=1.0) == [other] * 3
+    assert steps(solver, hard(), 3, wx=1.0) == [other] * 3
+    assert steps(solver, easy(), 1, wx=0.5) == [other]  # dt smaller by 1.4: the averages remain
+    assert steps(solver, easy(), 3, wx=1e-4) == ["pcg"] * 3
+    assert steps(solver, hard(), 3, wx=1.0) == [other] * 3
 
 
 def test_auto_after_drop_repeats_its_choices():
     solver = auto()
-    first = steps(solver, HARD, 5) + steps(solver, EASY, 30)
+    first = steps(solver, hard(), 5) + steps(solver, easy(), 30)
     solver.drop()
     assert solver.name == "pcg"
-    assert steps(solver, HARD, 5) + steps(solver, EASY, 30) == first
+    assert steps(solver, hard(), 5) + steps(solver, easy(), 30) == first
 
 
 def test_auto_change_of_solver_needs_a_new_prepare():
     """Otherwise a factor that no longer exists would be reused."""
     solver = auto()
-    steps(solver, HARD, 3)
+    steps(solver, hard(), 3)
     before = solver.prepared
     solver.begin(100.0, 1.0, NOWHERE)
     assert solver.name == "pcg"
     assert solver.prepared > before
     with pytest.raises(InputError, match="prepare"):
-        solver.solve(load(HARD))
+        solver.solve(load(hard()))
 
 
 def test_auto_indefinite_matrix_is_rejected():
@@ -169,10 +185,10 @@ def test_auto_without_pardiso_counts_the_price_of_superlu(monkeypatch):
     pardiso = auto()
     monkeypatch.setattr(mkl_pardiso, "routine", missing)
     solver = auto()
-    assert steps(solver, HARD, 3) == ["superlu", "pcg", "pcg"]
+    assert steps(solver, hard(), 3) == ["superlu", "pcg", "pcg"]
     assert solver.guess("direct") > 4 * pardiso.guess("direct") > 0.5 * 270
     monkeypatch.setattr(select, "SUPERLU_RATIO", 1.0)
-    assert steps(auto(), HARD, 3) == ["superlu"] * 3
+    assert steps(auto(), hard(), 3) == ["superlu"] * 3
 
 
 def test_auto_follows_the_steps_of_a_march(monkeypatch):
@@ -194,16 +210,16 @@ def test_auto_follows_the_steps_of_a_march(monkeypatch):
 def test_auto_takes_multigrid_where_pcg_takes_many_iterations(monkeypatch):
     monkeypatch.setattr(select, "FEWEST_MULTIGRID_NODES", 400)
     monkeypatch.setattr(select, "MULTIGRID_GUESS", 100.0)
-    assert steps(auto(), EASY, 3) == ["pcg"] * 3
-    assert steps(auto(), MIDDLE, 5) == ["pcg"] * 5  # about 40 iterations
+    assert steps(auto(), easy(), 3) == ["pcg"] * 3
+    assert steps(auto(), middle(), 5) == ["pcg"] * 5  # about 40 iterations
     monkeypatch.setattr(select, "MULTIGRID_GUESS", 10.0)
     monkeypatch.setattr(select, "CYCLE_WORK", 1.0)
     solver = auto()
-    assert steps(solver, MIDDLE, 8) == ["multigrid"] * 8
+    assert steps(solver, middle(), 8) == ["multigrid"] * 8
     solver.drop()
-    assert steps(solver, EASY, 3) == ["pcg"] * 3
+    assert steps(solver, easy(), 3) == ["pcg"] * 3
     monkeypatch.setattr(select, "FEWEST_MULTIGRID_NODES", 401)
-    assert "multigrid" not in steps(auto(), MIDDLE, 8)
+    assert "multigrid" not in steps(auto(), middle(), 8)
 
 
 @pytest.mark.parametrize(("cycle", "last"), [(2.0, "multigrid"), (100.0, "direct")])
@@ -213,9 +229,10 @@ def test_auto_factorises_where_multigrid_takes_too_long(cycle, last, monkeypatch
     monkeypatch.setattr(select, "MULTIGRID_GUESS", 20.0)
     monkeypatch.setattr(select, "CYCLE_WORK", cycle)
     expected = select.direct().name if last == "direct" else last
-    assert steps(auto(), HARD, 3) == [expected] * 3
+    assert steps(auto(), hard(), 3) == [expected] * 3
 
 
+@pytest.mark.stories
 def test_auto_runs_repeat_bit_for_bit():
     """Choices depend on counts alone: two runs of one scene have the same bits."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.05)

@@ -3,24 +3,25 @@
 import numpy as np
 import pytest
 import scipy.sparse as sparse
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
+from support.drawn import drawn
 
 from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
 
-relaxed = settings(max_examples=50, deadline=None)  # the first example compiles
 
+def nodes_and_stencils(st):
+    """Number of nodes, and up to three stencils of up to 6 rows with 1 to 4 nodes per row."""
 
-@st.composite
-def stencils_of(draw):
-    """Number of nodes, and up to three stencils with 1 to 4 nodes per row."""
-    n = draw(st.integers(1, 9))
-    shapes = st.tuples(st.integers(0, 6), st.integers(1, 4))
-    node = st.integers(0, n - 1)
-    one = shapes.flatmap(lambda shape: hnp.arrays(np.int32, shape, elements=node))
-    return n, draw(st.lists(one, max_size=3))
+    def stencils(n, width):
+        row = st.lists(st.integers(0, n - 1), min_size=width, max_size=width)
+        rows = st.lists(row, max_size=6)
+        return rows.map(lambda rows: np.array(rows, np.int32).reshape(-1, width))
+
+    def of(n):
+        stencil = st.integers(1, 4).flatmap(lambda width: stencils(n, width))
+        return st.tuples(st.just(n), st.lists(stencil, max_size=3))
+
+    return st.integers(1, 9).flatmap(of)
 
 
 def coupled(n, stencils):
@@ -46,8 +47,7 @@ def dense(A):
     return full.reshape(3 * n, 3 * n)
 
 
-@relaxed
-@given(stencils_of())
+@drawn(lambda st: [nodes_and_stencils(st)], max_examples=50)
 def test_union_couples_exactly_the_nodes_of_each_row(given_):
     n, stencils = given_
     pattern = BlockPattern.union(n, stencils)
@@ -60,8 +60,7 @@ def test_union_couples_exactly_the_nodes_of_each_row(given_):
         assert (np.diff(row) > 0).all()
 
 
-@relaxed
-@given(stencils_of())
+@drawn(lambda st: [nodes_and_stencils(st)], max_examples=50)
 def test_slots_are_the_blocks_of_the_pairs(given_):
     n, stencils = given_
     pattern = BlockPattern.union(n, stencils)
@@ -75,8 +74,7 @@ def test_slots_are_the_blocks_of_the_pairs(given_):
     assert np.array_equal(pattern.rows[pattern.diagonal], np.arange(n))
 
 
-@relaxed
-@given(stencils_of(), st.integers(0, 2**32 - 1))
+@drawn(lambda st: [nodes_and_stencils(st), st.integers(0, 2**32 - 1)], max_examples=50)
 def test_product_and_scipy_are_the_dense_matrix(given_, seed):
     n, stencils = given_
     rng = np.random.default_rng(seed)

@@ -156,7 +156,7 @@ def test_differences_of_nested_interpolants_in_closed_form():
         assert fine.l2_difference(coarse, *fields[::-1]) == l2
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_differences_of_a_quadratic_converge_on_unrelated_meshes():
     def field(X):
         return np.column_stack([X[:, 0] ** 2 + X[:, 0] * X[:, 1], X[:, 1] ** 2])

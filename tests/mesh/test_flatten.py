@@ -4,9 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
+from support.drawn import drawn
 from support.meshed import QUAD_T, QUAD_X, areas, rejects
 
 from fecloth.mesh.flat_mesh import FlatMesh
@@ -21,11 +19,12 @@ def test_coordinate_planes_keep_their_two_coordinates(axes):
     assert np.array_equal(FlatMesh.from_arrays(xyz, mesh.triangles).X, mesh.X)
 
 
-unit = st.floats(-1, 1).map(lambda v: round(v, 6))
+def vectors(st):
+    unit = st.floats(-1, 1).map(lambda v: round(v, 6))
+    return st.tuples(unit, unit, unit)
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.tuples(unit, unit, unit), hnp.arrays(float, 3, elements=unit))
+@drawn(lambda st: [vectors(st), vectors(st)], max_examples=40)
 def test_a_rotated_plane_keeps_all_lengths(vector, shift):
     mesh = rectangle(1, 0.5, 0.25, "cross")
     xyz = np.c_[mesh.X, 0 * mesh.X[:, 0]] @ rotation(vector).T + shift

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -185,7 +186,7 @@ def test_a_command_outside_the_list_is_refused_before_gmsh_starts(folder, monkey
     assert made(folder) == []
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("lines", HARMLESS)
 def test_harmless_parts_of_an_attack_leave_no_files(folder, lines):
     path = written(folder, SQUARE + lines + "\n")
@@ -194,7 +195,7 @@ def test_harmless_parts_of_an_attack_leave_no_files(folder, lines):
     assert made(folder) == []
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize(
     "lines", ["SystemCall %s;", 'Printf("x") > "CANARY";', "// \0SystemCall %s;"]
 )
@@ -204,7 +205,7 @@ def test_the_attacks_work_on_those_who_trust(folder, lines):
     assert made(folder) == ["CANARY"]
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("command", ["info", "run", "check", "mesh"])
 def test_every_command_that_meshes_refuses(folder, capsys, command):
     written(folder, SQUARE + "SystemCall %s;\n")
@@ -231,7 +232,7 @@ def test_a_mesh_file_of_commands_is_refused(folder, text):
     assert made(folder) == []
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_options_beside_a_file_are_not_read(folder):
     """Gmsh merges x.msh.opt after x.msh, and x.geo.opt after x.geo."""
     (folder / "a.msh").write_bytes((ROOT / "meshes" / "square_22.msh").read_bytes())
@@ -243,7 +244,10 @@ def test_options_beside_a_file_are_not_read(folder):
     assert made(folder) == []
 
 
-@pytest.mark.parametrize("name", ["evil.geo_unrolled", "evil.brep", "evil.pos", "evil.opt", "evil"])
+@pytest.mark.parametrize(
+    "name",
+    stories_except(["evil.geo_unrolled", "evil.brep", "evil.pos", "evil.opt", "evil"], "evil.opt"),
+)
 def test_other_files_of_gmsh_are_refused(folder, name):
     with pytest.raises(MeshError, match="unknown suffix"):
         read(written(folder, SQUARE + "SystemCall %s;\n", name))
@@ -266,7 +270,7 @@ def test_the_files_of_the_project_are_allowed(path):
     check_geo(path.read_text(), str(path))
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("text", ORDINARY.values(), ids=ORDINARY)
 def test_ordinary_files_are_allowed_and_meshed_as_they_are(folder, text):
     path = written(folder, SQUARE + text + "\n", "plain.geo")
@@ -276,7 +280,7 @@ def test_ordinary_files_are_allowed_and_meshed_as_they_are(folder, text):
     assert checked.node_sets.keys() == trusted.node_sets.keys()
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_the_other_kernel(folder):
     mesh = read(written(folder, OCC, "plain.geo"))
     assert len(mesh.triangles) > 50
@@ -288,7 +292,7 @@ def test_the_other_kernel(folder):
 FINE = SQUARE.replace("h = 0.5", "h = 3e-4")  # some 25 million triangles
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_meshing_ends_at_the_limit_of_time(folder):
     path = written(folder, FINE, "fine.geo")
     with pytest.raises(MeshError, match="meshing or reading takes longer: must end within 2 s"):
@@ -298,7 +302,7 @@ def test_meshing_ends_at_the_limit_of_time(folder):
     assert main(["mesh", str(path), "--mesh-time", "1"]) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("loop", ["For i In {1:1e9}\nx = 1;", "For i In {1:2}\ni = 0;"])
 def test_a_loop_without_end_ends_at_the_limit_of_time(folder, loop):
     path = written(folder, f"{SQUARE}{loop}\nEndFor\n")
@@ -306,13 +310,13 @@ def test_a_loop_without_end_ends_at_the_limit_of_time(folder, loop):
         read(path, time_limit=1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_disk_is_interrupted_too(folder):
     code = "import fecloth as fc; fc.Cloth.disk(1.0, 2e-3)"
     assert stopped([sys.executable, "-c", code], signal.SIGINT) != 0
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_meshing_at_once(folder, number):
     path = written(folder, FINE, "fine.geo")
@@ -351,7 +355,7 @@ def stopped(command: list[str], number: int) -> int:
     return status
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.skipif(
     sys.platform != "linux", reason="only Linux tells a process of its parent's end"
 )
@@ -368,7 +372,7 @@ def test_the_child_ends_with_a_killed_parent(folder):
     assert not is_running(found[0])
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_crash_of_gmsh_is_an_error(folder, monkeypatch):
     monkeypatch.setattr(gmsh_child.sys, "executable", "/bin/false")
     with pytest.raises(MeshError, match="reading has ended without a mesh"):

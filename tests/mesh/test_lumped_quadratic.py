@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.sparse.linalg import eigsh
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators.many_steps import many_steps
@@ -57,7 +58,7 @@ def frequency_errors(pattern, n, mass, stretch=1.1):
     return np.sqrt(squares / (np.pi**2 * tension / 0.2 * np.array([2, 5, 5, 8]))) - 1
 
 
-@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "right"))
 def test_frequencies_of_a_taut_square(pattern):
     """Order 2 with lumped masses, from below; order 4 with consistent ones, from above."""
     coarse, fine = (frequency_errors(pattern, n, "lumped") for n in (16, 32))
@@ -83,7 +84,7 @@ def growth(system, method, dt, steps):
 
 
 @pytest.mark.parametrize("terms", TERMS)
-@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "unstructured"))
 def test_steps_are_stable_up_to_the_limit(pattern, terms):
     """A small motion stays small below the limit and explodes above; the bound is close to it."""
     fabric = replace(FABRIC, bending_rigidity=10.0) if terms == "stiff plate" else FABRIC
@@ -97,6 +98,7 @@ def test_steps_are_stable_up_to_the_limit(pattern, terms):
         assert growth(system, kind(beyond_limit=True), 1.05 * limit, 200) > 1e3
 
 
+@pytest.mark.stories
 def test_forward_euler_is_stable_up_to_its_limit():
     damped = [fc.StVK(), fc.PlateBending(), fc.StrainRateDamping(0.002), fc.BendingDamping(0.02)]
     system = fc.System(square("right", 0.5), FABRIC, damped, ["left"], "lumped")

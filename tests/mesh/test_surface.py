@@ -156,13 +156,17 @@ def test_flat_sheets_anywhere_do_not_intersect(shift):
         assert Surface.from_cloth(cloth).count_intersections(turned(x, seed, shift)) == 0
 
 
-def test_value_that_cannot_be_computed_is_none():
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.04, pattern="right")
-    surface = Surface.from_cloth(cloth)
+def test_value_of_positions_that_are_not_finite_is_none():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
     x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-    assert surface.count_intersections(np.where(x == 1.0, np.nan, x)) is None
-    rng = np.random.default_rng(1)
-    assert surface.count_intersections(rng.standard_normal(x.shape)) is None
+    assert Surface.from_cloth(cloth).count_intersections(np.where(x == 1.0, np.nan, x)) is None
+
+
+@pytest.mark.stories
+def test_value_of_too_many_pairs_is_none():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.04, pattern="right")
+    x = np.random.default_rng(1).standard_normal((len(cloth.X), 3))
+    assert Surface.from_cloth(cloth).count_intersections(x) is None
 
 
 # --- triangles turned over ------------------------------------------------------------------------

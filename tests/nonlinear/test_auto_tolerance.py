@@ -79,6 +79,7 @@ def test_where_contacts_push_the_residual_is_a_hundredth_of_their_forces(
     assert left.is_small is known
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", METHODS)
 def test_newton_leaves_a_tenth_of_the_error_in_time(name, hanging):
     method, dt, t_end = METHODS[name], 1 / 60, 0.25
@@ -92,6 +93,7 @@ def test_newton_leaves_a_tenth_of_the_error_in_time(name, hanging):
     assert 0 < counts.newton_error < 0.1 * counts.step_error
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", ["BDF2", "generalised-α"])
 def test_the_error_follows_the_step_as_if_solved_closely(name):
     """Newton's share of it stays small while dt and the error shrink together."""

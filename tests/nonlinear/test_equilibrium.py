@@ -8,7 +8,7 @@ from conftest import flat
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 from support.inflated import enclosed, shooting
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.errors import InputError
@@ -68,7 +68,8 @@ def test_hanging_strip_meets_the_closed_form():
     np.testing.assert_allclose(observed_order([4, 2, 1], errors), 2.0, atol=0.1)
 
 
-@pytest.mark.parametrize("kind", slow_except(["symmetric", "exact"], "exact"))
+@pytest.mark.stories
+@pytest.mark.parametrize("kind", stories_except(["symmetric", "exact"], "exact"))
 def test_pressurised_disk_from_the_flat_meets_the_exact_membrane(kind):
     height, volume = shooting(500.0)
     cloth = fc.Cloth.disk(0.5, 0.025)
@@ -161,6 +162,7 @@ def clamped_strip(load, cells, element, bending=1e-3):
     return fc.System(cloth, fabric, terms, pins=[fc.Pin("left", clamp=True)])
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("element", "cells"), [("P1", (20, 40)), ("P2", (10, 20))])
 def test_a_follower_pressure_turns_a_clamped_plate_round(element, cells):
     """In ten load steps to the elastica, with order 2."""
@@ -208,6 +210,7 @@ def blown_elastica(load):
     return np.array([end.real, 0.0, end.imag]), np.degrees(-angle)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("load", "least"), [(20.0, 150), (60.0, 230)])
 def test_a_follower_pressure_turns_a_strip_round(load, least):
     """The tip meets the elastica's at first order in h, as the clamp does."""
@@ -226,6 +229,7 @@ def test_a_follower_pressure_turns_a_strip_round(load, least):
     assert errors[1] < min(0.012, 0.6 * errors[0])
 
 
+@pytest.mark.stories
 def test_load_steps_find_an_equilibrium_that_one_step_does_not():
     system = strip(60.0, 40)
     with pytest.raises(fc.EquilibriumFailed, match="more load_steps"):
@@ -266,6 +270,7 @@ def limit_pressure():
     return -best.fun
 
 
+@pytest.mark.stories
 def test_load_steps_end_at_the_limit_load():
     """Above its limit pressure a rubber membrane has no equilibrium; the error names the load."""
     shear, radius = 1000.0 / 3, 0.5

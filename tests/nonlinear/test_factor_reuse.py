@@ -31,6 +31,7 @@ def direct(system, name="direct", **options):
     return solver_for(system, fc.ImplicitMidpoint(), 1e-3, name, fc.Newton(**options))[0]
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", ["direct", "superlu"])
 def test_reused_factors_change_the_result_within_the_tolerance(drum, name):
     runs = [fallen(drum, direct(drum, name, reuse=reuse), [1e-3] * 60) for reuse in (True, False)]

@@ -26,7 +26,7 @@ def folded(folds, friction=0.0, has_floor=True):
     return system, system.state(np.column_stack([across, cloth.X[:, 1], height]))
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("folds", "friction", "has_floor", "load_steps"),
     [(4, 0.0, True, None), (4, 0.0, False, None), (4, 0.3, True, 5)],
@@ -46,6 +46,7 @@ def test_loose_folds_come_to_rest(folds, friction, has_floor, load_steps):
     assert fallen > 0.2 * folds * LENGTH * np.sin(ANGLE)
 
 
+@pytest.mark.stories
 def test_a_search_that_contact_cuts_short_does_not_blame_slack_triangles():
     system, start = folded(4)
     with pytest.raises(fc.EquilibriumFailed, match="did not converge in 8 iterations") as caught:

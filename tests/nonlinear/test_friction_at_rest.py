@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import flat
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.simulation.load_steps import LoadSteps
@@ -18,7 +18,7 @@ FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
 GAP = 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("case", [(0.3, 90), (0.6, 90), (0.3, 180)])
 def test_a_strip_round_a_cylinder_meets_the_capstan_equation(case):
     mu, degrees = case
@@ -37,7 +37,7 @@ def on_a_slope(part, mu=0.3, lift=0.0):
     return system, system.state(x), np.array([c, 0, -s])
 
 
-@pytest.mark.parametrize("load_steps", slow_except([None, 3], None))
+@pytest.mark.parametrize("load_steps", stories_except([None, 3], None))
 def test_a_sheet_holds_on_a_slope_below_the_angle_of_friction(load_steps):
     """It creeps by less than 0.001 extents, and by f₁(y) = part of the full friction."""
     part, places = 0.8, []
@@ -53,7 +53,7 @@ def test_a_sheet_holds_on_a_slope_below_the_angle_of_friction(load_steps):
     np.testing.assert_allclose(places, y * 1e-3 * 0.2, rtol=1e-3)
 
 
-@pytest.mark.parametrize("load_steps", slow_except([None, 2], None))
+@pytest.mark.parametrize("load_steps", stories_except([None, 2], None))
 def test_a_sheet_slides_off_a_slope_above_the_angle_of_friction(load_steps):
     system, start, _ = on_a_slope(1.25)
     with pytest.raises(fc.EquilibriumFailed, match="neither pins nor friction hold the cloth"):
@@ -82,7 +82,7 @@ def test_a_dragged_strip_is_held_by_friction_and_heats():
     assert any("number of load steps, here 4" in words for words in run.accounts.words())
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_table_that_moves_does_the_work_of_a_pull():
     pulled, carried = dragged("0.05*t"), dragged("0*t", table=("-0.05*t", 0, 0))
     for name in ("reaction:right.x", "least_distance:Obstacle"):
@@ -92,7 +92,7 @@ def test_a_table_that_moves_does_the_work_of_a_pull():
     assert carried.energies["work:Obstacle"][-1] > energies[1]
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_pull_back_and_forth_dissipates():
     """Force against way is a loop, whose area is the heat: of the full loads in its second half."""
     run = dragged("0.02*(1 - abs(2*t - 1))", steps=8)
@@ -122,7 +122,7 @@ def test_a_push_below_the_friction_moves_nothing(force, slips):
         assert 0 < way[:, 0].max() < 1e-3 * 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_table_that_turns_and_moves_takes_the_cloth_along():
     cloth = fc.Cloth.rectangle(0.2, 0.2, h=0.1)
     turn = fc.Rotation((0.1, 0.1, 0), UP, "0.6*t")
@@ -134,7 +134,7 @@ def test_a_table_that_turns_and_moves_takes_the_cloth_along():
     np.testing.assert_allclose(end.x[:, :2], shape.pose(1.0).to_space(x)[:, :2], atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_layer_is_pulled_off_another_in_any_order_of_the_terms():
     """The pull is μ times the force of one layer on the other."""
     pytest.importorskip("ipctk")

@@ -83,6 +83,7 @@ def test_definiteness_none_fails_in_compression_with_a_remedy(arc):
         steps(arc, [fc.StVK(), fc.Gravity()], "none")
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.ImplicitMidpoint()])
 @pytest.mark.parametrize("damping", [[], [fc.StrainRateDamping(0.02)]], ids=["free", "damped"])
 def test_clamped_tangents_and_added_mass_carry_it_through_compression(arc, damping, method):
@@ -93,6 +94,7 @@ def test_clamped_tangents_and_added_mass_carry_it_through_compression(arc, dampi
     assert all(c.residual <= 1e-6 for c in counts)
 
 
+@pytest.mark.stories
 def test_added_mass_converges_faster_than_clamping(arc):
     terms = [fc.StVK(), fc.Gravity()]
     shifted = sum(c.newton for _, c in steps(arc, terms, "on_failure"))

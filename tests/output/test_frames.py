@@ -340,6 +340,7 @@ def killed(tmp_path_factory):
     return sorted(place.iterdir())
 
 
+@pytest.mark.stories
 def test_killed_runs_leave_lists_that_open(killed):
     assert len(killed) == 10
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")

@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -19,15 +20,16 @@ from fecloth.runs import run_files
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
 
-h5py = pytest.importorskip("h5py")
-vtk = pytest.importorskip("vtk")
-from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402
+is_missing = find_spec("h5py") is None or find_spec("vtk") is None
+pytestmark = pytest.mark.skipif(is_missing, reason="needs the extras [hdf] and [view]")
 
 
 class Reader:
     """VTK's reader on one file."""
 
     def __init__(self, path):
+        import vtk
+
         self.vtk = vtk.vtkHDFReader()
         self.vtk.SetFileName(str(path))
         self.vtk.UpdateInformation()
@@ -36,6 +38,8 @@ class Reader:
 
     def at(self, t):
         """Points, cells, and all arrays of a time."""
+        from vtk.util.numpy_support import vtk_to_numpy
+
         self.vtk.UpdateTimeStep(t)
         grid = self.vtk.GetOutput()
         arrays = [
@@ -82,6 +86,7 @@ def test_the_topology_is_shared(tmp_path):
     system, states = swinging("P1")
     file = gathered(tmp_path, system, states)
     n, m = len(system.cloth.X), len(system.cloth.triangles)
+    h5py = pytest.importorskip("h5py")
     with h5py.File(file) as file:
         root = file["VTKHDF"]
         assert root["Connectivity"].shape == (3 * m,)
@@ -130,6 +135,7 @@ def scene(tmp_path, monkeypatch):
     return load_scene("scene.toml", ["output.format='vtkhdf'", "output.restart_steps=2"])
 
 
+@pytest.mark.stories
 def test_a_full_disk_at_the_end_leaves_the_frames_and_the_run_goes_on(scene, monkeypatch):
     def refuse(*_):
         raise DiskFull("out/run.vtkhdf cannot be written: no space")
@@ -190,6 +196,7 @@ def test_a_run_that_is_killed_while_it_scatters_its_frames_goes_on(scene, monkey
     assert written("out") == written("whole")
 
 
+@pytest.mark.stories
 def test_a_run_that_is_killed_while_it_gathers_its_frames_goes_on(scene, monkeypatch):
     run_scene(scene, "whole")
     with monkeypatch.context() as patched:
@@ -212,6 +219,7 @@ def test_a_run_that_stops_early_keeps_its_frames(scene):
     assert len(Reader("out/run.vtkhdf").times) == 6
 
 
+@pytest.mark.stories
 def test_a_whole_run_goes_on_beyond_its_end(scene):
     keys = ["output.format='vtkhdf'", "output.restart_steps=2"]
     run_scene(scene, "out")

@@ -7,8 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from support.drawn import drawn
 
 from fecloth.errors import InputError
 from fecloth.quantities import formula_functions
@@ -194,21 +193,21 @@ def test_where_may_hide_values_that_are_not_finite():
     assert Formula("where(t > 0, 1/t, 0)", ("t",))(t=np.array([0.0, 2.0])).tolist() == [0.0, 0.5]
 
 
-NUMBERS = st.sampled_from(["t", "X", "pi", "2", "0.5", "3"])
+def formulas(st, max_leaves):
+    numbers = st.sampled_from(["t", "X", "pi", "2", "0.5", "3"])
+    operators, functions = st.sampled_from("+-*"), st.sampled_from(["sin", "cos", "tanh", "abs"])
+
+    def grow(inner):
+        return st.one_of(
+            st.tuples(inner, operators, inner).map("({0[0]} {0[1]} {0[2]})".format),
+            st.tuples(functions, inner).map("{0[0]}({0[1]})".format),
+            inner.map("-{}".format),
+        )
+
+    return st.recursive(numbers, grow, max_leaves=max_leaves)
 
 
-def _grow(inner):
-    return st.one_of(
-        st.tuples(inner, st.sampled_from("+-*"), inner).map(lambda p: f"({p[0]} {p[1]} {p[2]})"),
-        st.tuples(st.sampled_from(["sin", "cos", "tanh", "abs"]), inner).map(
-            "{0[0]}({0[1]})".format
-        ),
-        inner.map("-{}".format),
-    )
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.recursive(NUMBERS, _grow, max_leaves=12))
+@drawn(lambda st: [formulas(st, max_leaves=12)], max_examples=60)
 def test_value_is_pythons(text):
     t, X = 0.3, -1.7
     names = {name: getattr(np, name) for name in ("sin", "cos", "tanh", "abs", "pi")}
@@ -216,8 +215,10 @@ def test_value_is_pythons(text):
     assert Formula(text, ("t", "X"))(t=t, X=X) == pytest.approx(float(expected), rel=1e-12)
 
 
-@settings(max_examples=200, deadline=None)
-@given(st.text(alphabet="tX0123456789.+-*/()<>=, sincowher_'\"[]{}:;#\\\n@&|^~%", max_size=40))
+SIGNS = "tX0123456789.+-*/()<>=, sincowher_'\"[]{}:;#\\\n@&|^~%"
+
+
+@drawn(lambda st: [st.text(alphabet=SIGNS, max_size=40)], max_examples=200)
 def test_any_text_is_a_formula_or_refused(text):
     try:
         value = Formula(text, ("t", "X"))
@@ -267,8 +268,7 @@ def test_derivative_is_that_of_finite_differences(text):
         assert slope(t=np.full(2, t), X=X) == pytest.approx(slope.at(t, X), rel=1e-14)
 
 
-@settings(max_examples=100, deadline=None)
-@given(st.recursive(NUMBERS, _grow, max_leaves=8))
+@drawn(lambda st: [formulas(st, max_leaves=8)], max_examples=100)
 def test_derivative_of_any_smooth_formula(text):
     formula, t, X, h = Formula(text, ("t", "X")), 0.37, -1.7, 1e-20
     names = {"sin": np.sin, "cos": np.cos, "tanh": np.tanh, "pi": np.pi}
@@ -385,8 +385,7 @@ def test_a_formula_is_parsed_once(monkeypatch):
     assert len(texts) == 300
 
 
-@settings(max_examples=200, deadline=None)
-@given(st.recursive(NUMBERS, _grow, max_leaves=12), st.floats(-3, 3))
+@drawn(lambda st: [formulas(st, max_leaves=12), st.floats(-3, 3)], max_examples=200)
 def test_numbers_and_arrays_have_the_same_bits(text, t):
     formula = Formula(text, ("t", "X"))
     assert formula.at(t, 0.7) == formula(t=np.array([t]), X=0.7)[0]

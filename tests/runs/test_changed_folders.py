@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -39,7 +40,7 @@ def run(scene, folder, steps=None, **options):
     return fc.run_scene(scene, folder, report=report, **options)
 
 
-@pytest.mark.parametrize("number", [0, 3, 5])
+@pytest.mark.parametrize("number", stories_except([0, 3, 5], 3))
 @pytest.mark.parametrize("is_empty", [False, True])
 def test_a_missing_frame_is_refused_at_resume(scene, tmp_path, number, is_empty):
     run(scene, "out", steps=6)
@@ -52,6 +53,7 @@ def test_a_missing_frame_is_refused_at_resume(scene, tmp_path, number, is_empty)
     assert main(["run", "sheet.toml", "--resume", "out"]) == 2
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("every", [1, 100], ids=["between frames", "before the end"])
 def test_a_folder_that_moves_during_a_run_is_told_and_not_made_again(scene, tmp_path, every):
     def move(info):
@@ -70,6 +72,7 @@ def test_a_folder_that_moves_during_a_run_is_told_and_not_made_again(scene, tmp_
     assert outcome.status == "done"
 
 
+@pytest.mark.stories
 def test_a_run_killed_before_its_summary_writes_report_and_summary_at_resume(
     scene, tmp_path, monkeypatch
 ):

@@ -72,6 +72,7 @@ print(*(f"{each.py_func.__module__}.{each.py_func.__name__}" for each, _ in afte
 """
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("scene", [CLAMPED, CONTACT, STATIC_REGIONS])
 def test_the_steps_of_a_run_compile_nothing(scene, tmp_path):
     """In a process of its own, in which no other test has called a kernel."""

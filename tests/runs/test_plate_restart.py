@@ -47,7 +47,7 @@ def stop_after(step):
     return report
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("method", "element"),
     [("bdf2", "P1"), ("energy_momentum", "P2"), ("central_difference", "P2")],

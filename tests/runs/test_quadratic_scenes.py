@@ -49,6 +49,7 @@ def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
             run_scene.run_scene(load_scene(file), tmp_path / "refused")
 
 
+@pytest.mark.stories
 def test_a_scene_with_explicit_steps_on_quadratic_triangles(tmp_path, capsys):
     """`mass = "lumped"` and the method's name suffice; it stays near the implicit run."""
     file, ends = tmp_path / "s.toml", []

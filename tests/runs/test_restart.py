@@ -16,7 +16,7 @@ import meshio
 import numpy as np
 import pytest
 from support.rundirs import written
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth import integrators
@@ -128,7 +128,7 @@ def scene(tmp_path, monkeypatch):
 KILLED = RUNS.keys() - {"midpoint"}  # "two threads" has its method and solver
 
 
-@pytest.mark.parametrize("name", slow_except(sorted(KILLED), "BDF2", "StabilityLimited"))
+@pytest.mark.parametrize("name", stories_except(sorted(KILLED), "BDF2"))
 def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     if name == "vtkhdf":
         pytest.importorskip("h5py")
@@ -159,6 +159,7 @@ def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     assert [file for file in expected if found[file] != expected[file]] == []
 
 
+@pytest.mark.stories
 def test_a_run_that_is_killed_while_it_closes_is_closed(scene, tmp_path, monkeypatch):
     def killed(*_):
         raise KeyboardInterrupt
@@ -214,6 +215,7 @@ def test_no_restart_file_goes_before_the_next_would_survive_a_power_cut(
     assert missed == []
 
 
+@pytest.mark.stories
 def test_a_run_whose_lists_of_frames_were_lost_writes_them_again(scene, tmp_path):
     run_scene(load_scene(scene), tmp_path / "whole")
     interrupted(scene, tmp_path / "out", 70)
@@ -239,6 +241,7 @@ def interrupted(scene, folder, after, resume=False):
 UNASKED = TEXT + RUNS["StabilityLimited"].replace(", restart_steps = 50", "")
 
 
+@pytest.mark.stories
 def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
     scene.write_text(UNASKED)
     run_scene(load_scene(scene), tmp_path / "whole")
@@ -250,6 +253,7 @@ def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
     assert {name: whole[name] == broken.get(name) for name in whole} == dict.fromkeys(whole, True)
 
 
+@pytest.mark.stories
 def test_sparse_rows_of_fused_steps_are_the_same_after_any_chain_of_interruptions(scene, tmp_path):
     sparse = UNASKED.replace("every = 0.01", "rows = 9, frames = 2")
     scene.write_text(sparse.replace("t_end = 0.06", "dt = 1e-4, t_end = 0.1"))
@@ -267,6 +271,7 @@ def test_sparse_rows_of_fused_steps_are_the_same_after_any_chain_of_interruption
     assert resumed == whole
 
 
+@pytest.mark.stories
 def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
     """With a kept factor the run goes back to the last regular restart."""
     run_scene(load_scene(scene), tmp_path / "whole")
@@ -308,6 +313,7 @@ def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monk
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.stories
 def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys):
     scene.write_text(UNASKED)
     folder = tmp_path / "out"
@@ -328,6 +334,7 @@ def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys
     assert read_frame(max((folder / "frames").iterdir()), load_scene(scene).mesh()).t == 0.08
 
 
+@pytest.mark.stories
 def test_a_broken_restart_file_is_passed_over_or_refused(scene, tmp_path):
     scene.write_text(TEXT + RUNS["StabilityLimited"])
     run_scene(load_scene(scene), tmp_path / "whole")
@@ -462,6 +469,7 @@ def test_a_memory_is_refused_where_it_does_not_fit(isotropic):
         next(fc.march(system, fc.Auto(), state, t_end=0.05, memory=info.memory))
 
 
+@pytest.mark.stories
 def test_frames_take_no_memory(tmp_path):
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=1.0, pattern="right")
     x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -83,6 +84,7 @@ def test_a_key_switches_the_count_off(scene, capsys):
     assert not any("passes through" in words for words in summary["warnings"])
 
 
+@pytest.mark.stories
 def test_a_resumed_run_counts_at_the_same_frames(scene):
     _, whole = run(scene, "whole")
     run(scene, "part", "time.t_end=0.1")
@@ -97,7 +99,7 @@ def test_a_resumed_run_counts_at_the_same_frames(scene):
     assert sum("passes through itself" in words for words in summary["warnings"]) == 1
 
 
-@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("element", stories_except(["P1", "P2"], "P1"))
 def test_the_result_of_run_has_the_shape_at_the_end(scene, element):
     plain = ["cloth.element=P2", "terms=[{type='StVK'}]"] if element == "P2" else []
     problem = load_scene(scene, plain).build()

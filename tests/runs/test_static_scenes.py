@@ -110,6 +110,7 @@ def test_one_load_step_is_the_python_call(scene, tmp_path):
     np.testing.assert_array_equal(last_frame(tmp_path / "one", problem, 1).x, found.x)
 
 
+@pytest.mark.stories
 def test_a_killed_run_goes_on_bit_for_bit(scene, tmp_path):
     def stop(info):
         if info.step == 2:
@@ -147,6 +148,7 @@ def test_a_complete_run_stays_as_it_is(scene):
     assert written("out") == before
 
 
+@pytest.mark.stories
 def test_a_picture_is_of_a_part_of_the_loads(scene, capsys, tmp_path):
     pytest.importorskip("pyvista")
     assert main(["run", str(scene), "-o", "out", "--quiet"]) == 0

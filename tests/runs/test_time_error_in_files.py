@@ -68,6 +68,7 @@ def test_a_run_at_rest_has_no_estimate(run):
     assert words_of(outcome)[2]["time_error"] is None
 
 
+@pytest.mark.stories
 def test_a_resumed_run_says_the_same(run):
     whole = run()
     run("time.t_end=0.06", name="parts")

@@ -20,7 +20,7 @@ import meshio
 import numpy as np
 import pytest
 from support.rundirs import written
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -189,6 +189,7 @@ def when(condition, child):
         time.sleep(0.002)
 
 
+@pytest.mark.stories
 def test_two_runs_in_one_folder_are_refused_and_a_killed_one_is_no_obstacle(scene, capsys):
     pytest.importorskip("fcntl")
     long = "--set", "time.t_end=300"
@@ -237,6 +238,7 @@ def can_mount():
     )
 
 
+@pytest.mark.stories
 @pytest.mark.skipif(not can_mount(), reason="this system lets no user mount a small disk")
 def test_full_disk_loses_no_frames(scene):
     options = "--set", "solver.linear=superlu"
@@ -265,6 +267,7 @@ def readable(folder):
         assert file.read_text().endswith("\n")
 
 
+@pytest.mark.stories
 def test_a_step_that_cannot_be_written_is_none(scene, capsys):
     """A frame fails, the restart file then written does not: it is that of the step before."""
     steps = "--set", "output.restart_steps=50", "--set", "solver.linear=superlu"
@@ -302,7 +305,7 @@ def test_failure_to_write_at_the_end_is_reported(name, scene, capsys):
     assert restart.files(Path("out"))[0].name == "restart_000000005.npz"
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_disk_without_space_for_the_first_files_is_reported(scene):
     pytest.importorskip("resource")
     assert main(["run", "sheet.toml", "-o", "warm", "--quiet"]) == 0  # machine code is kept
@@ -331,7 +334,8 @@ def test_resume_is_not_proposed_without_restart_files(scene, capsys):
 # --- interrupted ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", slow_except(["SIGINT", "SIGTERM", "SIGHUP"], "SIGINT"))
+@pytest.mark.stories
+@pytest.mark.parametrize("name", stories_except(["SIGINT", "SIGTERM", "SIGHUP"], "SIGINT"))
 def test_interrupted_run_prints_how_to_resume(name, scene):
     if not hasattr(signal, name):
         pytest.skip(f"no {name} here")
@@ -358,8 +362,9 @@ def is_meshing(child):
     return False
 
 
+@pytest.mark.stories
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="who knows when it meshes")
-@pytest.mark.parametrize("name", slow_except(["SIGINT", "SIGTERM"], "SIGINT"))
+@pytest.mark.parametrize("name", stories_except(["SIGINT", "SIGTERM"], "SIGINT"))
 def test_interruption_before_the_first_step_leaves_no_files(name, scene):
     mesh = "--set", "cloth.h=0.004", "--set", "cloth.pattern='unstructured'"
     child = process("sheet.toml", "-o", "out", *mesh)
@@ -381,6 +386,7 @@ def asks_twice(info):
             os.kill(os.getpid(), signal.SIGINT)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("report", "error"), [(fails, OSError), (asks_twice, KeyboardInterrupt)])
 def test_run_that_is_stopped_from_outside_leaves_a_restart(report, error, scene):
     with pytest.raises(error, match=r"has gone|at once; --resume goes on"):

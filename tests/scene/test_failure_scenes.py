@@ -37,6 +37,7 @@ def test_there_are_fourteen():
     assert len(list(SCENES.glob("*.toml"))) == 14
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("name", "line"), lines(FAILS), ids=str)
 def test_failure_scene_fails_as_documented(name, line, tmp_path, capfd):
     command, overrides, status, says = line
@@ -45,6 +46,7 @@ def test_failure_scene_fails_as_documented(name, line, tmp_path, capfd):
     assert says in re.sub(r"\s+", " ", captured.out + captured.err)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("name", "remedy"), lines(REMEDY), ids=str)
 def test_the_remedy_cures_it(name, remedy, tmp_path):
     assert called("check", name, remedy, tmp_path) == 0

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,11 @@ def test_the_meaning_of_a_key_is_the_string_below_its_field():
     assert meaning(TERM_TABLES["Gravity"].model_fields["type"]) == ""
 
 
+@cache
+def parsed_schema():
+    return json.loads(json_schema())
+
+
 def allows(schema, value, root):
     """Whether a value fits a JSON schema, as far as ours use the language."""
     if "$ref" in schema:
@@ -105,7 +111,7 @@ def allows(schema, value, root):
 
 @pytest.mark.parametrize("path", SCENES, ids=[path.stem for path in SCENES])
 def test_the_schema_allows_the_scenes(path):
-    schema = json.loads(json_schema())
+    schema = parsed_schema()
     assert allows(schema, tomllib.loads(path.read_text(encoding="utf-8")), schema)
 
 
@@ -119,7 +125,7 @@ def test_the_schema_allows_the_scenes(path):
     ],
 )
 def test_the_schema_refuses(wrong):
-    schema, path = json.loads(json_schema()), SCENES[0].parent / "drape.toml"
+    schema, path = parsed_schema(), SCENES[0].parent / "drape.toml"
     data = tomllib.loads(path.read_text(encoding="utf-8"))
     assert allows(schema, data, schema)
     assert not allows(schema, data | wrong, schema)

@@ -40,7 +40,7 @@ every_steps = 2
 """
 BENDING = '[[terms]]\ntype = "HingeBending"'
 PLATE = '[[terms]]\ntype = "PlateBending"'
-SLOW = pytest.mark.slow
+STORIES = pytest.mark.stories
 
 
 def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: str) -> tuple:
@@ -65,12 +65,13 @@ def compiled(tmp_path_factory):
     return cache(lambda *case: run(tmp_path_factory.mktemp("small"), *case, 200, "right"))
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("kind", "element", "bending", "triangles", "pattern"),
     [
         ("explicit", "P1", BENDING, 2_000, "right"),
         *(
-            pytest.param(kind, element, bending, triangles, pattern, marks=SLOW)
+            pytest.param(kind, element, bending, triangles, pattern, marks=STORIES)
             for kind, element, bending, triangles, pattern in [
                 ("explicit", "P1", BENDING, 40_000, "right"),
                 ("explicit", "P2", PLATE, 10_000, "right"),

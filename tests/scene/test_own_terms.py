@@ -21,6 +21,7 @@ time = { method = "bdf2", dt = 1e-3, t_end = 5e-3 }
 """
 
 
+@pytest.mark.stories
 def test_scene_runs_with_user_terms(tmp_path):
     terms = {"Winkler": example("term").Winkler, "Fung": example("law").Fung}
     path = tmp_path / "scene.toml"

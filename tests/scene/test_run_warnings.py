@@ -284,7 +284,7 @@ def test_no_warning_before_a_scene_of_the_readme_runs(shown):
     assert load_scene(shown).build().warnings() == []
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_no_warning_while_a_scene_of_the_readme_runs(shown, tmp_path):
     """Of the flag the first second: its whole run is the first command of the README."""
     changes = ["time.t_end=1"] if shown.name == "flag.toml" else []

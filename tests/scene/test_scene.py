@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 import pickle
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.sparse import csr_matrix
+from support.drawn import drawn
 
 import fecloth as fc
 from fecloth import terms
@@ -636,117 +636,131 @@ def test_resolved_scene_finds_its_mesh_from_any_folder(tmp_path, monkeypatch):
     assert len(load_scene(tmp_path / "out" / "scene.resolved.toml").build().cloth.X) == 3
 
 
-NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
-TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
-LEAVES = st.one_of(NUMBERS, st.integers(-(2**63), 2**63 - 1), st.booleans(), TEXTS)
-VALUES = st.recursive(
-    LEAVES,
-    lambda inner: st.one_of(
-        st.lists(inner, min_size=1, max_size=3),
-        st.dictionaries(TEXTS, inner, min_size=1, max_size=3),
-    ),
-    max_leaves=6,
-)
+def numbers(st):
+    return st.floats(allow_nan=False, allow_infinity=False)
 
 
-@settings(max_examples=150, deadline=None)
-@given(st.dictionaries(TEXTS, VALUES, max_size=4))
-def test_any_tables_survive_the_writer(tmp_path_factory, data):
-    path = tmp_path_factory.getbasetemp() / "writer.toml"
-    path.write_text(to_toml(data), encoding="utf-8", newline="")
-    assert read(path) == data
+def texts(st):
+    return st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 
 
-POSITIVE = st.floats(1e-6, 1e6)
-PAIRS = st.one_of(POSITIVE, st.tuples(POSITIVE, POSITIVE).map(list))
-FORMULAS = st.sampled_from(["0", "0.1*X", "sin(pi*Y)"])
-START = st.one_of(
-    st.just({}),
-    st.fixed_dictionaries(
+def any_tables(st):
+    leaves = st.one_of(numbers(st), st.integers(-(2**63), 2**63 - 1), st.booleans(), texts(st))
+
+    def grow(inner):
+        return st.one_of(
+            st.lists(inner, min_size=1, max_size=3),
+            st.dictionaries(texts(st), inner, min_size=1, max_size=3),
+        )
+
+    return st.dictionaries(texts(st), st.recursive(leaves, grow, max_leaves=6), max_size=4)
+
+
+@drawn(lambda st: [any_tables(st)], max_examples=150)
+def test_any_tables_survive_the_writer(data):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "writer.toml"
+        path.write_text(to_toml(data), encoding="utf-8", newline="")
+        assert read(path) == data
+
+
+def positive(st):
+    return st.floats(1e-6, 1e6)
+
+
+def pairs(st):
+    return st.one_of(positive(st), st.tuples(positive(st), positive(st)).map(list))
+
+
+def vectors(st):
+    return st.lists(numbers(st), min_size=3, max_size=3)
+
+
+def starts(st):
+    formulas = st.lists(st.sampled_from(["0", "0.1*X", "sin(pi*Y)"]), min_size=3, max_size=3)
+    turn = st.fixed_dictionaries({"axis": st.just([0, 1, 0]), "degrees": numbers(st)})
+    planes = st.fixed_dictionaries(
         {"plane": st.sampled_from(["xy", "xz", "yz"])},
+        optional={"rotate": turn, "shift": vectors(st), "velocity": formulas},
+    )
+    return st.one_of(st.just({}), planes, st.fixed_dictionaries({"position": formulas}))
+
+
+def scene_terms(st):
+    laws = st.one_of(
+        st.just({"type": "StVK"}), positive(st).map(lambda k: {"type": "TensorCondition", "k": k})
+    )
+    damping = st.fixed_dictionaries(
+        {"type": st.just("StrainRateDamping"), "time": positive(st)},
+        optional={"law": laws, "tangent": st.sampled_from(["exact", "symmetric"])},
+    )
+    gravity = vectors(st).map(lambda a: {"type": "Gravity", "acceleration": a})
+    return st.one_of(laws, gravity, damping)
+
+
+def scene_cloths(st):
+    disk = {"shape": st.just("disk"), "radius": numbers(st), "h": positive(st)}
+    sides = {"width": positive(st), "height": positive(st), "h": positive(st)}
+    rectangle = {"shape": st.just("rectangle")} | sides
+    return st.one_of(st.fixed_dictionaries(disk), st.fixed_dictionaries(rectangle))
+
+
+def scene_times(st):
+    method = st.one_of(st.sampled_from(sorted(METHODS)), st.just({"type": "backward_euler"}))
+    times = {"method": method, "dt": st.floats(0.1, 1), "t_end": st.floats(1e-6, 1e3)}
+    return st.fixed_dictionaries(times)
+
+
+def scene_fabrics(st):
+    given = {
+        "areal_density": positive(st),
+        "tensile_stiffness": pairs(st),
+        "shear_stiffness": positive(st),
+    }
+    return st.fixed_dictionaries(given, optional={"bending_rigidity": pairs(st)})
+
+
+def scene_pins(st):
+    by_name = st.fixed_dictionaries({"where": texts(st)}, optional={"name": st.just("a-b c_1")})
+    moved = st.just({"inside": "X < 0.1", "motion": ["t", "0", "-t**2"]})
+    return st.lists(st.one_of(by_name, moved), max_size=2)
+
+
+def scene_expectations(st):
+    value = st.fixed_dictionaries(
+        {"value": numbers(st), "absolute": positive(st)}, optional={"at": st.floats(0, 1e-6)}
+    )
+    values = st.one_of(value, st.lists(value, min_size=1, max_size=2))
+    return st.dictionaries(texts(st), values, max_size=2)
+
+
+def valid_scenes(st):
+    return st.fixed_dictionaries(
+        {"cloth": scene_cloths(st), "fabric": scene_fabrics(st), "time": scene_times(st)},
         optional={
-            "rotate": st.fixed_dictionaries({"axis": st.just([0, 1, 0]), "degrees": NUMBERS}),
-            "shift": st.lists(NUMBERS, min_size=3, max_size=3),
-            "velocity": st.lists(FORMULAS, min_size=3, max_size=3),
+            "title": texts(st),
+            "mass": st.sampled_from(["lumped", "consistent"]),
+            "terms": st.lists(scene_terms(st), max_size=3),
+            "pins": scene_pins(st),
+            "start": starts(st),
+            "solver": st.fixed_dictionaries({}, optional={"tolerance": st.floats(1e-12, 0.5)}),
+            "output": st.sampled_from([{}, {"frames": 7}, {"every": 1.5}, {"every_steps": 2}]),
+            "probes": st.sampled_from([[], [{"name": "p", "where": "top"}]]),
+            "interest": st.just({"end": ["displacement", "sag"], "path": ["p"]}),
+            "expect": scene_expectations(st),
         },
-    ),
-    st.fixed_dictionaries({"position": st.lists(FORMULAS, min_size=3, max_size=3)}),
-)
-LAWS = st.one_of(
-    st.just({"type": "StVK"}), POSITIVE.map(lambda k: {"type": "TensorCondition", "k": k})
-)
-TERMS = st.one_of(
-    LAWS,
-    st.lists(NUMBERS, min_size=3, max_size=3).map(lambda a: {"type": "Gravity", "acceleration": a}),
-    st.fixed_dictionaries(
-        {"type": st.just("StrainRateDamping"), "time": POSITIVE},
-        optional={"law": LAWS, "tangent": st.sampled_from(["exact", "symmetric"])},
-    ),
-)
-EXPECTATIONS = st.fixed_dictionaries(
-    {"value": NUMBERS, "absolute": POSITIVE}, optional={"at": st.floats(0, 1e-6)}
-)
-VALID = st.fixed_dictionaries(
-    {
-        "cloth": st.one_of(
-            st.fixed_dictionaries({"shape": st.just("disk"), "radius": NUMBERS, "h": POSITIVE}),
-            st.fixed_dictionaries(
-                {
-                    "shape": st.just("rectangle"),
-                    "width": POSITIVE,
-                    "height": POSITIVE,
-                    "h": POSITIVE,
-                }
-            ),
-        ),
-        "fabric": st.fixed_dictionaries(
-            {"areal_density": POSITIVE, "tensile_stiffness": PAIRS, "shear_stiffness": POSITIVE},
-            optional={"bending_rigidity": PAIRS},
-        ),
-        "time": st.fixed_dictionaries(
-            {
-                "method": st.one_of(
-                    st.sampled_from(sorted(METHODS)), st.just({"type": "backward_euler"})
-                ),
-                "dt": st.floats(0.1, 1),
-                "t_end": st.floats(1e-6, 1e3),
-            }
-        ),
-    },
-    optional={
-        "title": TEXTS,
-        "mass": st.sampled_from(["lumped", "consistent"]),
-        "terms": st.lists(TERMS, max_size=3),
-        "pins": st.lists(
-            st.one_of(
-                st.fixed_dictionaries({"where": TEXTS}, optional={"name": st.just("a-b c_1")}),
-                st.just({"inside": "X < 0.1", "motion": ["t", "0", "-t**2"]}),
-            ),
-            max_size=2,
-        ),
-        "start": START,
-        "solver": st.fixed_dictionaries({}, optional={"tolerance": st.floats(1e-12, 0.5)}),
-        "output": st.sampled_from([{}, {"frames": 7}, {"every": 1.5}, {"every_steps": 2}]),
-        "probes": st.sampled_from([[], [{"name": "p", "where": "top"}]]),
-        "interest": st.just({"end": ["displacement", "sag"], "path": ["p"]}),
-        "expect": st.dictionaries(
-            TEXTS,
-            st.one_of(EXPECTATIONS, st.lists(EXPECTATIONS, min_size=1, max_size=2)),
-            max_size=2,
-        ),
-    },
-)
+    )
 
 
-@settings(max_examples=100, deadline=None)
-@given(VALID)
-def test_any_valid_scene_loads_again_to_an_equal_one(tmp_path_factory, data):
-    path = tmp_path_factory.getbasetemp() / "scene.toml"
-    path.write_text(to_toml(data), encoding="utf-8", newline="")
-    scene = load_scene(path)
-    path.write_text(scene.to_toml(), encoding="utf-8", newline="")
-    assert load_scene(path) == scene
-    assert load_scene(path).to_toml() == scene.to_toml()
+@drawn(lambda st: [valid_scenes(st)], max_examples=100)
+def test_any_valid_scene_loads_again_to_an_equal_one(data):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.toml"
+        path.write_text(to_toml(data), encoding="utf-8", newline="")
+        scene = load_scene(path)
+        path.write_text(scene.to_toml(), encoding="utf-8", newline="")
+        assert load_scene(path) == scene
+        assert load_scene(path).to_toml() == scene.to_toml()
     assert len(scene.terms) == len(data.get("terms", []))
     assert scene.time.dt == data["time"]["dt"]
 
@@ -823,6 +837,7 @@ def test_hanging_strip_expects_the_exact_solution():
         assert scene.expect[name][0].value == pytest.approx(value, rel=1e-7), name
 
 
+@pytest.mark.stories
 def test_trampoline_expects_the_axisymmetric_solution():
     scene = _expected("trampoline")
     expected = scene.expect["mean_displacement.z"]
@@ -858,6 +873,7 @@ def chain(times, links, length, tensile_stiffness, damping_time, areal_density, 
     return share @ result.y[1 : 2 * links : 2] / links
 
 
+@pytest.mark.stories
 def test_swing_expects_the_motion_of_a_chain():
     scene = _expected("swing")
     expected = scene.expect["mean_displacement.z"]

@@ -38,6 +38,7 @@ def bump(t):
     return [0.0, 0.0, 0.05 * np.sin(20 * (t - 0.1)) ** 2 if 0.1 < t < 0.1 + BUMP else 0.0]
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.BDF2(), fc.GeneralizedAlpha()], ids=str)
 def test_energy_of_a_sheet_moved_by_its_pins_is_accounted_for(method, small):
     """The pins give and take back: what is left moves the hanging sheet, a step of 5 ms apart."""
@@ -55,6 +56,7 @@ def test_energy_of_a_sheet_moved_by_its_pins_is_accounted_for(method, small):
     assert all(moving < 1.2 * available + 1e-3 * most for _, moving, available in shares)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("terms", [[fc.StVK()], [fc.StVK(), fc.StrainRateDamping(time=0.005)]])
 @pytest.mark.parametrize("where", ["left", "boundary"])
 def test_sheets_that_are_shaken_without_end_are_not_stopped(where, terms, small):
@@ -98,6 +100,7 @@ def test_round_off_causes_no_energy_warning(small):
     assert warning(system, opened) is None
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.BDF2()], ids=str)
 def test_stiff_sheet_at_rest_neither_fails_nor_warns(method, small):
     """Round-off rings in it, unlike anything that has been given."""

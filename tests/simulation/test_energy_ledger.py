@@ -5,6 +5,7 @@ import pytest
 import skfem
 from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
+from support.tiers import MASSES, in_turn
 
 import fecloth as fc
 from fecloth.integrators import METHODS
@@ -18,16 +19,11 @@ ALL = [method() for method in METHODS.values()]
 TIGHT = fc.Newton(tolerance=1e-12)
 
 
-def named(method):
-    return type(method).__name__
-
-
 def shake(t):
     return [0.02 * np.sin(30 * t), 0.0, 0.05 * np.sin(40 * t)]
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@pytest.mark.parametrize("method", ALL, ids=named)
+@pytest.mark.parametrize(("method", "mass"), in_turn(ALL, MASSES), ids=str)
 def test_ledger_closes_on_a_linear_problem(method, mass, isotropic):
     """Moved and fixed pins, damping, gravity: nothing is left unexplained."""
     cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
@@ -49,6 +45,7 @@ def test_ledger_closes_on_a_linear_problem(method, mass, isotropic):
     assert (np.diff(energies["dissipated:LinearDamping"]) >= 0).all()
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", CASES)
 def test_ledger_remainder_on_a_nonlinear_problem(name, isotropic, record_property):
     """Of second order in dt, as is the quadrature of the forces' work over a step.

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -59,11 +59,11 @@ def rms(system, y):
 
 CASES = {name: method() for name, method in {**METHODS, **EXPLICIT}.items()}
 del CASES["forward_euler"]  # no stable step
-QUICK = ("implicit_midpoint", "linearly_implicit_euler", "newmark", "generalized_alpha", "bdf2")
+QUICK = ("bdf2",)
 SHIFT = {"symplectic_euler": 0.1, "central_difference": 1e-3}  # steps are shorter than the limit
 
 
-@pytest.mark.parametrize("name", slow_except(CASES, *QUICK))
+@pytest.mark.parametrize("name", stories_except(CASES, *QUICK))
 def test_the_error_is_proportional_to_the_tolerance(swing, name, record_property):
     system, start, exact = swing
     method = CASES[name]
@@ -157,6 +157,7 @@ def test_fixed_steps_land_on_them_too(swing):
     assert [s.t for s, _ in march] == pytest.approx([0.04, 0.05, 0.09, 0.1], abs=1e-15)
 
 
+@pytest.mark.stories
 def test_a_stop_changes_the_steps_after_it_little(swing):
     """The memory of BDF2 goes through a stop: the error stays the tolerance's."""
     system, start, exact = swing

@@ -39,7 +39,7 @@ def compiled(tmp_path_factory):
     peak(tmp_path_factory.mktemp("compiled"), 2, "vtu")
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.skipif(peak_memory() is None, reason="not on Windows")
 @pytest.mark.parametrize("form", ["vtu", "vtkhdf"])
 def test_memory_does_not_grow_with_the_frames(tmp_path, form, compiled):

@@ -243,7 +243,7 @@ def scene(tmp_path):
     return write
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_scene_has_the_columns_that_it_names_and_no_others(scene, tmp_path):
     expected = """[expect]
 "distance of left edge and grip" = { value = 1.1, relative = 1e-9 }
@@ -258,7 +258,7 @@ def test_a_scene_has_the_columns_that_it_names_and_no_others(scene, tmp_path):
     assert more == {"distance of left edge and grip", *(f"line_force:right.{c}" for c in "xyz")}
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_studies_and_sensitivities_take_them(scene):
     problem = scene("")
     found = fc.study.of(problem).sweep("fabric.tensile_stiffness=500,1000", "line_force.right.x")

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.linalg import eigh
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -80,7 +80,7 @@ def errors(method, system, at, dt, t_end):
     return result.time_error, max(far for far, _ in seen) / largest
 
 
-@pytest.mark.parametrize("name", slow_except(CASES, *QUICK))
+@pytest.mark.parametrize("name", stories_except(CASES, *QUICK))
 @pytest.mark.parametrize("size", [0.4, 1.0], ids=["small", "larger"])
 @pytest.mark.parametrize("phase", [0.0, -math.pi / 2], ids=["drawn", "struck"])
 def test_a_vibration_is_judged_rightly_by_every_method(name, size, phase):
@@ -100,7 +100,7 @@ def test_of_many_modes_the_fast_ones_that_are_lost_count_by_their_size(name):
     assert 1 / 3 < said / true < 3
 
 
-@pytest.mark.parametrize("name", slow_except(("bdf2", "implicit_midpoint"), "bdf2"))
+@pytest.mark.parametrize("name", stories_except(("bdf2", "implicit_midpoint"), "bdf2"))
 @pytest.mark.parametrize("ratio", [0.1, 0.4])
 def test_a_damped_motion_is_judged_rightly(name, ratio):
     """Until it has come to rest."""
@@ -164,7 +164,7 @@ def test_an_error_is_forgotten_as_fast_as_the_damped_mode_that_made_it(where):
     assert error.largest == pytest.approx(exact.max(), rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("name", ["bdf2", "implicit_midpoint", "generalized_alpha"])
 def test_errors_of_a_driven_motion_with_damping_are_forgotten(name):
     """A force near resonance for thirty times as long as a free motion lasts."""

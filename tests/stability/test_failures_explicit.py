@@ -55,6 +55,7 @@ def test_the_limit_falls_with_the_root_of_the_stiffness():
     assert stiff == pytest.approx(soft / 4, rel=1e-6)
 
 
+@pytest.mark.stories
 def test_where_strain_rate_damping_governs_it_falls_with_the_square_of_the_mesh_size():
     """Then dt d < 1 counts, d = τ k; here τ is 10 to 40 times the undamped limit."""
     coarse, fine = limits([sheet_system(h, damping=0.02) for h in (0.1, 0.05)])
@@ -102,6 +103,7 @@ def with_a_sliver(height):
     return fc.Cloth.from_arrays(X, cloth.triangles, {"left": cloth.nodes("left")})
 
 
+@pytest.mark.stories
 def test_a_sliver_sets_the_step_of_the_whole_cloth():
     """Its stiffness goes like base/height, its nodes have the mass of their other triangles."""
     good = limits([sheet_system()])[0]
@@ -141,6 +143,7 @@ def deflections(system, start, method, dt, times):
     return np.array(z) / system.nodal_mass.sum(), steps
 
 
+@pytest.mark.stories
 def test_a_pin_sampled_once_a_period_stands_still():
     system, start = shaken()
     times, method = np.arange(1, 6) / FREQUENCY, fc.ImplicitMidpoint()
@@ -155,6 +158,7 @@ def test_a_pin_sampled_once_a_period_stands_still():
     assert errors[2] < 0.01
 
 
+@pytest.mark.stories
 def test_adaptive_steps_are_shortened_when_a_pin_starts_to_move():
     system, start = shaken(0.25)
     times = np.array([0.31, 0.39, 0.45])

@@ -115,16 +115,19 @@ GAIN += [fc.GeneralizedAlpha(0.5)]
 KEEP = [fc.EnergyMomentum("exact"), fc.BackwardEuler(), fc.BDF2(), fc.GeneralizedAlpha(0.0)]
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", GAIN, ids=repr)
 def test_these_make_energy_where_the_waves_are_not_resolved(method):
     assert swing(method) > 0.1
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", KEEP, ids=repr)
 def test_these_make_none_there(method):
     assert swing(method) < 1e-5
 
 
+@pytest.mark.stories
 def test_the_midpoint_rule_makes_none_below_the_explicit_limit():
     assert swing(fc.ImplicitMidpoint(), None, 0.1) < 1e-4
 
@@ -173,6 +176,7 @@ def pushed(term, force):
     return end.x[cloth.nodes("apex"), 1].mean()
 
 
+@pytest.mark.stories
 def test_springs_are_pushed_through():
     """A truss of two bars; its force 2 k (L₀/L − 1) y is largest at L = (L₀ b²)^(1/3)."""
     length = 0.25 ** (1 / 3)
@@ -233,6 +237,7 @@ METHODS = [
 ]
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("method", "dt"), METHODS, ids=repr)
 def test_it_goes_through_where_its_energy_suffices(method, dt):
     """½ I ω² against ½ k (π² − θ₀²); all stays finite, and the energy is that of the start."""

@@ -65,6 +65,7 @@ def test_folds_are_counted_along_the_rim(count):
     assert count_folds(SHEET.X, wavy) == count
 
 
+@pytest.mark.stories
 def test_a_missing_package_costs_only_the_picture(monkeypatch, capsys):
     """Unless --picture asks for it; then it is a mistake, found before the first run."""
     monkeypatch.setitem(sys.modules, "imageio", None)
@@ -114,6 +115,7 @@ def test_a_shape_is_carried_between_meshes():
     np.testing.assert_array_equal(carried[~hangs], np.c_[new.X[~hangs], 0 * new.X[~hangs, 0]])
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_a_ring_of_paper_sags_as_plate_theory_says(element):
     """Clamped inside, free outside, a small weight; the radial equation is solved in the test."""
@@ -155,6 +157,7 @@ def sag_of_a_plate(B, q):
     return (zero + curvature * (one - zero))[0]
 
 
+@pytest.mark.stories
 def test_a_table_of_meshes(tmp_path, monkeypatch):
     """A row for each mesh and model; the summary has the coefficients of the rows."""
     fabrics = ("trousers",)

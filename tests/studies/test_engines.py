@@ -27,10 +27,10 @@ def known(name):
 
 
 # the trampoline is a time integration
-SLOW = {"trampoline": pytest.mark.slow}
+STORIES = {"trampoline": pytest.mark.stories}
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=SLOW.get(n, ())) for n in CASES])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=STORIES.get(n, ())) for n in CASES])
 def test_files_state_the_values_of_the_script(name):
     said = CASES[name]
     value, uncertainty = references.CASES[name](said)
@@ -187,6 +187,7 @@ def fecloth():
     return load_adapter(f"{engines.HERE / 'fecloth_p1.py'}:run")
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", RESTING | MOVING)
 def test_fecloth_is_right_on_a_coarse_mesh(name, fecloth):
     rows = [run_level(fecloth, CASES[name], level) for level in (0, 1)]
@@ -197,7 +198,7 @@ def test_fecloth_is_right_on_a_coarse_mesh(name, fecloth):
     assert errors[1] < max(0.4 * errors[0], floor)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize("name", ["knit", "nylon"])
 def test_fecloth_meets_no_measurement_better_than_its_law(name, fecloth):
     """The meshes agree with each other far better than with what was measured."""

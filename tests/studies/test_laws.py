@@ -33,6 +33,7 @@ def moments():
 # --- the page -------------------------------------------------------------------------------------
 
 
+@pytest.mark.stories
 def test_page_is_generated_from_the_curves(curves, moments):
     assert laws.page(curves, moments) == PAGE, "run python -m studies.laws"
 
@@ -152,6 +153,7 @@ FORMS = {
 }
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("name", "i"), FORMS)
 def test_curves_are_the_closed_forms(curves, name, i):
     tension, shear = FORMS[name, i]
@@ -164,6 +166,7 @@ def test_each_curve_has_a_closed_form():
     assert sorted(FORMS) == sorted(MATERIAL)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("name", "i"), [case for case in MATERIAL if case[0] != "TensionField"])
 def test_slopes_at_rest(name, i):
     """Y, ν and G of the homogenised moduli, which `plane_moduli` has from the stiffness matrix.
@@ -188,6 +191,7 @@ def test_slopes_at_rest(name, i):
 BENDING = ("HingeBending", "QuadraticBending")
 
 
+@pytest.mark.stories
 def test_moments_of_a_strip_rolled_up(moments):
     """On "right" the cells fold along their sides by κh: ½ B κ², and 2 B sin²(κh/2)/h²."""
     folds = law_curves.FOLDS
@@ -196,6 +200,7 @@ def test_moments_of_a_strip_rolled_up(moments):
     np.testing.assert_allclose(moments["QuadraticBending"]["right"], np.sin(folds), atol=1e-7)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("pattern", law_curves.PATTERNS)
 def test_moment_of_a_weak_curvature_is_the_bending_tensor(pattern):
     fabric = fc.Fabric(0.2, Y, NU, bending_rigidity=B)
@@ -216,6 +221,7 @@ def test_rolled_triangles_keep_their_sides(pattern, height):
     np.testing.assert_allclose(now[whole], was[whole], rtol=1e-12)
 
 
+@pytest.mark.stories
 def test_drag_and_lift_of_a_plate():
     degrees = np.array([0.0, 30.0, 55.0, 90.0])
     found = law_curves.drag_and_lift(fc.Drag(normal=0.7, tangential=0.006), degrees)

@@ -10,14 +10,11 @@ from support.pages import ROOT
 
 from studies.lecture.__main__ import PAGES, run_page
 
-# pages that take about half a second or more
-SLOW = {"01", "02", "03", "04", "05", "09", "12", "13", "15", "16"}
 EACH = pytest.mark.parametrize("page", PAGES)
 
 
-@pytest.mark.parametrize(
-    "page", [pytest.param(p, marks=pytest.mark.slow) if p[:2] in SLOW else p for p in PAGES]
-)
+@pytest.mark.stories
+@EACH
 def test_a_page_runs_and_its_check_holds(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     start = time.process_time()

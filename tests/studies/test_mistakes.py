@@ -43,6 +43,7 @@ def _nothing_is_run(monkeypatch, tmp_path):
     monkeypatch.setattr(study, "run_cases", refuse_cases)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("file", FILES, ids=module_of)
 def test_an_unknown_option_is_one_line(file, capsys, monkeypatch):
     assert "harness.run_main(main)" in (ROOT / file).read_text(encoding="utf-8")
@@ -57,6 +58,7 @@ def test_mujoco_is_missed_before_the_first_case(capsys, monkeypatch):
     assert "'.[peers]'" in fails_with(main, ["--peers"], capsys, monkeypatch)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", WITH_REPORT)
 def test_a_study_whose_cases_all_fail_has_no_verdict(name, monkeypatch, tmp_path):
     """As with workers that cannot import a module: exit status 3, and the failures are named."""

@@ -6,6 +6,8 @@ import pytest
 from studies.evidence.trust.drawn import draw
 from studies.evidence.trust.random_setups import findings_of, is_judged, verdict
 
+pytestmark = pytest.mark.stories
+
 
 def test_a_seed_draws_the_same_set_up_with_finer_steps_and_meshes():
     drawn = draw(1, 16)

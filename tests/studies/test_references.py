@@ -94,6 +94,7 @@ def meshes(times):
     return {n: trampoline(times, elements=n, **DISK) for n in (50, 100, 200, 400, 800)}
 
 
+@pytest.mark.stories
 def test_trampoline_mean_deflection_converges(meshes):
     means = [run.mean_deflection for run in meshes.values()]
     peak = means[-1].max()
@@ -105,6 +106,7 @@ def test_trampoline_mean_deflection_converges(meshes):
     assert 2 * changes[-1] < 1e-4
 
 
+@pytest.mark.stories
 def test_trampoline_centre_converges(meshes, times):
     before = times < 0.115
     centre = {n: run.centre for n, run in meshes.items()}
@@ -178,6 +180,7 @@ def _spectral_mean(times, n):
     return area @ w @ solution.y[n : 2 * n] / (np.pi * a**2)
 
 
+@pytest.mark.stories
 def test_trampoline_against_global_polynomials():
     times = np.array([0.03, 0.05, 0.08, 0.1])
     mean = trampoline(times, **DISK).mean_deflection

@@ -14,6 +14,8 @@ from studies.work_precision.runs import hermite, run
 from studies.work_precision.scenes import SCENES
 from studies.work_precision.tables import cheapest
 
+pytestmark = pytest.mark.stories
+
 
 def chain_energy(x, l, Y, B, mass):
     """Of links, hinges and weight, written apart from the forces."""

@@ -8,6 +8,8 @@ from studies.tune import contact, grid, references, unseen
 from studies.tune.grid import Combination, Found, Node
 from studies.tune.scenes import TWELVE
 
+pytestmark = pytest.mark.stories
+
 LIMITED = [one for one in TWELVE if one.has_limit]
 
 

@@ -572,7 +572,7 @@ bending_hysteresis = 0.02
 """
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_both_ends_of_friction_are_told_and_do_not_count(tmp_path):
     path = scene_at(tmp_path, base=HELD)
     answer = fc.budget(path)

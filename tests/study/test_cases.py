@@ -13,6 +13,8 @@ from fecloth import study
 from fecloth.errors import InputError
 from fecloth.study.cases import Case
 
+pytestmark = pytest.mark.stories
+
 
 def test_cases_are_run_once(tmp_path):
     log = tmp_path / "log"

@@ -26,7 +26,7 @@ from fecloth.study.convergence import Convergence
 from fecloth.study.figures import MOST_GROUPS, spread
 from fecloth.study.result import Table
 
-pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
+pytestmark = [pytest.mark.stories, pytest.mark.usefixtures("counted_work")]  # seconds decide
 SCENE = '\ntitle = "a string"' + STRING.replace("h = 0.125", "h = 0.25").replace(
     '"sin', '"1e-3 * sin'
 )

@@ -68,7 +68,7 @@ def cluster(tmp_path):
             process.wait()
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_workers_that_cannot_import_the_studies_run_their_cases(cluster, tmp_path, monkeypatch):
     """A refinement of the repository, and failures as the rows that they are on one machine.
 
@@ -109,7 +109,7 @@ def test_a_cluster_needs_dask(tmp_path, monkeypatch):
         harness.parse_arguments("A study.", ["--scheduler", "tcp://nowhere:1"])
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_scheduler_that_does_not_answer_is_a_mistake(tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="needs the extra [dask]")
     monkeypatch.setattr("fecloth.study.processes.PATIENCE", 0.5)

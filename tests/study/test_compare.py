@@ -15,6 +15,8 @@ from fecloth.study import comparing
 from fecloth.study.overlay import Overlay
 from studies.references.closed_forms import hanging_strip_tip
 
+pytestmark = pytest.mark.stories
+
 Y = 20.0
 SCENE = '\ntitle = "a strip"' + STRIP
 SWING = """

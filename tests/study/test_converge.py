@@ -25,6 +25,8 @@ from fecloth.study.result import Table, with_uncertainty
 from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
 from studies.references.closed_forms import hanging_strip_tip
 
+pytestmark = pytest.mark.stories
+
 TIP = [fc.Probe("tip", "right")]
 SCENE = STRING
 
@@ -167,7 +169,7 @@ def test_a_function_is_a_quantity(scene):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_processes_give_the_same(tmp_path):
     run = {"h": 0.25, "levels": 3, "probes": TIP}
     one, two = (fc.study.converge(strip, "tip.x", jobs=jobs, **run) for jobs in (1, 2))

@@ -17,6 +17,8 @@ from studies.evidence.convergence.singular_corners import (
     taut_l,
 )
 
+pytestmark = pytest.mark.stories
+
 TIP = [fc.Probe("tip", "right")]
 
 
@@ -46,7 +48,7 @@ def test_order_at_a_reentrant_corner_is_recovered():
     assert order["graded"] == pytest.approx([1, 2], abs=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_converge_says_what_the_grading_of_a_hanging_cloth_saves(tmp_path):
     found = fc.study.converge(hanging_l, "tip.y", h=0.1, levels=3, probes=TIP, grade=True)
     assert found.order == pytest.approx(2, abs=0.25)

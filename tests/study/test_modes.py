@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from scipy.sparse.linalg import LinearOperator
 from scipy.special import jn_zeros, jv
 from support.plates import on_sides, square
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.errors import IndefiniteMatrix, InputError
@@ -25,7 +25,10 @@ from fecloth.linalg.select import direct
 from fecloth.nonlinear.eigenpairs import find_all, least_eigenpairs
 
 # steps are coarse and meshes small by intent
-pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+pytestmark = [
+    pytest.mark.stories,
+    pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning"),
+]
 
 DRUM = fc.Fabric(areal_density=0.2, tensile_stiffness=1e4, poisson_ratio=0.3)
 ORDERS = {"P1": 2.0, "P2": 4.0}
@@ -60,7 +63,7 @@ def drum(cloth, stretch=1.01, terms=(), fabric=DRUM):
     return system, system.state(flat(cloth) * [stretch, stretch, 1.0]), stress
 
 
-@pytest.mark.parametrize("pattern", slow_except(["right", "cross", "equilateral"], "cross"))
+@pytest.mark.parametrize("pattern", stories_except(["right", "cross", "equilateral"], "cross"))
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_square_drum(element, pattern):
     """T (m² + n²) π²/ρ with every repeated one, in order 2 and 4."""
@@ -193,7 +196,7 @@ def clamped_square(degree=8):
     return np.sqrt(eigh(K, np.kron(mass, mass), eigvals_only=True)[:3])
 
 
-@pytest.mark.parametrize("pattern", slow_except(["cross", "jittered", "unstructured"], "cross"))
+@pytest.mark.parametrize("pattern", stories_except(["cross", "jittered", "unstructured"], "cross"))
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_plates(element, pattern):
     """Free (Leissa 1973: 13.468, 19.596, 24.271), supported 2π², 5π², 5π², clamped by Ritz."""
@@ -245,7 +248,7 @@ TERMS = {
 SLIDES = [fc.Slide("left", normal=(1, 2, 3)), fc.Slide("right", direction=(1, 1, 0))]
 
 
-@pytest.mark.parametrize("mass", slow_except(["lumped", "consistent"], "lumped"))
+@pytest.mark.parametrize("mass", stories_except(["lumped", "consistent"], "lumped"))
 @pytest.mark.parametrize("name", TERMS)
 def test_every_term_agrees_with_a_dense_solution(name, mass, rng):
     """At a rough state, on oblique slides, with negative eigenvalues too."""

@@ -14,6 +14,7 @@ from fecloth.study import processes
 from fecloth.study.cases import Case
 from fecloth.study.processes import run_in_processes
 
+pytestmark = pytest.mark.stories
 INTERRUPTED = """
 import os, signal, sys, time
 from fecloth import study

@@ -220,7 +220,7 @@ def crumpled(h, stiffness=1000.0, squeeze=0.6):
     return cloth, system, fc.BackwardEuler(), system.state(np.column_stack([squeeze * X, z]))
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_folds_that_change_leave_no_derivative_and_the_answer_says_so():
     run = {"h": 0.2, "dt": 0.01, "probes": [fc.Probe("tip", "right")]}
     asked = crumpled, ["stiffness", "squeeze"], "tip.z"

@@ -16,6 +16,8 @@ from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.simulation.run import columns
 from fecloth.system.system import System
 
+pytestmark = pytest.mark.stories
+
 TIGHT = fc.Newton(tolerance=1e-12)
 PROBES = [fc.Probe("tip", "right")]
 CHANGE = 2e-4  # of a parameter, in the finer pair of twin runs
@@ -211,7 +213,7 @@ def derivative_by_twins(case: Case, name: str, sizes) -> np.ndarray:
 
 @pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in FAST)) for name in CASES]
+    "name", [pytest.param(name, marks=[pytest.mark.stories] * (name not in FAST)) for name in CASES]
 )
 def test_derivatives_are_those_of_twin_runs(name):
     case = CASES[name]

@@ -5,6 +5,8 @@ import pytest
 import fecloth as fc
 from fecloth.simulation.load_steps import LoadSteps
 
+pytestmark = pytest.mark.stories
+
 LAID, FALLS = LoadSteps(20), fc.BDF2()
 
 
@@ -21,7 +23,7 @@ def strip(method, hysteresis=6e-4, rigidity=2e-5):
     [
         pytest.param(LAID, {"t_end": 1.0}, id="laid"),
         pytest.param(None, {}, id="at rest"),
-        pytest.param(FALLS, {"dt": 4e-3, "t_end": 0.1}, id="falls", marks=pytest.mark.slow),
+        pytest.param(FALLS, {"dt": 4e-3, "t_end": 0.1}, id="falls", marks=pytest.mark.stories),
     ],
 )
 def test_the_place_depends_on_the_hysteresis_as_twin_runs_say(method, times):

@@ -25,7 +25,7 @@ from fecloth.study.term_variants import Variant, list_variants, simpler_steps, s
 from studies.evidence.simplify.numbers import Numbers
 from studies.evidence.simplify.predictions import find_limits, predict_change
 
-pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
+pytestmark = [pytest.mark.stories, pytest.mark.usefixtures("counted_work")]  # seconds decide
 STUDIES = Path(__file__).parents[2] / "studies"
 SCENES = STUDIES / "scenes" / "needs"
 

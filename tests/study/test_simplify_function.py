@@ -8,6 +8,7 @@ from fecloth.simulation.setup import Setup
 from fecloth.study.function_source import with_terms
 
 pytestmark = [
+    pytest.mark.stories,
     pytest.mark.usefixtures("counted_work"),
     pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning"),
 ]

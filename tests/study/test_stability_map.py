@@ -15,6 +15,8 @@ from fecloth.study.problem import StudyProblem
 from fecloth.study.stability_map import describe_best, describe_range
 from fecloth.study.stability_runs import counts_of, energy_made, list_next_runs, range_of
 
+pytestmark = pytest.mark.stories
+
 SCENE = """
 cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25, pattern = "right" }
 fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }

@@ -15,6 +15,7 @@ from fecloth.study.measured_runs import measure
 from fecloth.study.problem import StudyProblem
 from fecloth.study.threads import NAMES
 
+pytestmark = pytest.mark.stories
 COMMANDS = """
 import os, sys
 import fecloth.study

@@ -21,7 +21,7 @@ from fecloth.study.runs import Run, Runs, record_at, run_quantities
 from fecloth.study.tuning import Reduced, leave_out_terms
 from fecloth.study.tuning_result import Tuned
 
-pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
+pytestmark = [pytest.mark.stories, pytest.mark.usefixtures("counted_work")]  # seconds decide
 STRIP = """
 cloth = { shape = "rectangle", width = 0.3, height = 1.0, h = 0.1, pattern = "right" }
 fabric = { areal_density = 0.2, tensile_stiffness = 40.0, poisson_ratio = 0.3 }
@@ -93,7 +93,7 @@ def test_the_error_of_a_tuned_equilibrium_is_the_true_one(strip, tuned_strip):
     assert tuned_strip.text == tuned_strip.scene.read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_the_error_of_a_tuned_run_is_the_true_one(tmp_path):
     """Of a sheet with bending: without it the folds are as fine as the mesh, and none agree."""
     path = write(tmp_path, BOB)
@@ -251,6 +251,7 @@ def test_a_scene_that_fails_on_every_mesh_says_the_cause(tmp_path):
         fc.tune(write(tmp_path, torn), elements=["P1"])
 
 
+@pytest.mark.stories
 def test_a_huge_scene_is_refused_before_it_is_meshed(tmp_path, monkeypatch):
     path = write(tmp_path, STRIP.replace("h = 0.1", "h = 1e-5"))
     monkeypatch.setattr("fecloth.study.tuning.find_tuned", lambda *_, **__: pytest.fail("runs"))

@@ -1,19 +1,15 @@
 """Matrices of 3×3 blocks, loads and solutions for the tests of the linear solvers."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
-try:
-    select.Pardiso()
-    HAS_PARDISO = True
-except (ImportError, OSError):
-    HAS_PARDISO = False
-
-needs_pardiso = pytest.mark.skipif(not HAS_PARDISO, reason="pypardiso or the MKL is missing")
+HAS_PARDISO = find_spec("pypardiso") is not None
+needs_pardiso = pytest.mark.skipif(not HAS_PARDISO, reason="pypardiso is missing")
 
 
 def grid(m):

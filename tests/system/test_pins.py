@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from conftest import flat
+from support.tiers import MASSES, in_turn
 
 import fecloth as fc
 from fecloth.integrators import METHODS
@@ -24,8 +25,7 @@ def end_of_run(cloth, fabric, pins, method=ALL[0], t=0.0, **options):
     return start, fc.run(system, method, start, 5e-3, t + 0.02, solver="direct").state
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@pytest.mark.parametrize("method", ALL, ids=lambda m: type(m).__name__)
+@pytest.mark.parametrize(("method", "mass"), in_turn(ALL, MASSES), ids=str)
 def test_a_fixed_pin_stays_to_the_last_bit(method, mass, small, isotropic):
     start, end = end_of_run(small, isotropic, ["left", fc.Pin([3])], method, mass=mass)
     held = np.union1d(small.nodes("left"), [3])
@@ -35,8 +35,7 @@ def test_a_fixed_pin_stays_to_the_last_bit(method, mass, small, isotropic):
     assert abs(end.x - start.x)[others].max(axis=1).min() > 1e-5
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@pytest.mark.parametrize("method", ALL, ids=lambda m: type(m).__name__)
+@pytest.mark.parametrize(("method", "mass"), in_turn(ALL, MASSES), ids=str)
 def test_moved_pin_follows_its_motion(method, mass, small, isotropic):
     """Only the changes of the motion count, from the run's own start time."""
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import rough
 from support.over_step import energy_momentum as over_step
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.terms.bending.hinge import hinge_angles
@@ -244,7 +245,7 @@ FLIGHTS = {
 }
 
 
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", stories_except(FLIGHTS, "plate", "gas"))
 def test_a_free_flight_keeps_the_energy_and_what_else_it_must(name):
     terms = FLIGHTS[name]
     t_end = {"cable": 0.006, "plate": 0.05}.get(name, 0.02)  # the cable takes many iterations

@@ -109,7 +109,7 @@ def own_or_not(h, model="StVK"):
     return strip(h, terms=[OWN[model]() if model in OWN else fc.StVK(), Breeze()])
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_chart_of_a_function_has_its_models():
     found = fc.study.chart(
         *(own_or_not, "tip.x"), models=["Rubber", "StVK"], h=0.25, probes=TIP, meshes=1, t_end=0.02
@@ -117,6 +117,7 @@ def test_chart_of_a_function_has_its_models():
     assert set(found.table["model"]) == {"Rubber", "StVK"}
 
 
+@pytest.mark.stories
 def test_simplify_of_a_function_leaves_out_and_replaces_what_the_traits_say():
     def light(h, dt=0.01):
         return strip(h, dt, (Rubber(), Ribs(1e-9), Syrup(1e-9), Breeze()))
@@ -147,7 +148,7 @@ def test_predictions_of_a_scene_know_its_terms(scene):
     assert change["without Breeze"] == pytest.approx(numbers.loads["Breeze"] / numbers.w)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_tune_chooses_the_mesh_of_a_function_with_them():
     def pushed(h):
         cloth = fc.Cloth.rectangle(0.5, 0.5, h, pattern="cross")

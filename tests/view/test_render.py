@@ -2,6 +2,7 @@
 
 import os
 from contextlib import contextmanager
+from importlib.util import find_spec
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +15,7 @@ from fecloth.output.frames import Frames
 from fecloth.output.obstacle_frames import ObstacleFrames
 from fecloth.view.checker_pattern import material_coordinates, square_side
 
-pytest.importorskip("pyvista")
+pytestmark = pytest.mark.skipif(find_spec("pyvista") is None, reason="needs the extra [view]")
 imageio = pytest.importorskip("imageio.v2")
 
 
@@ -61,6 +62,7 @@ def test_pictures_show_the_cloth_at_their_times(draw):
         assert not mask[:, [0, -1]].any()
 
 
+@pytest.mark.stories
 def test_tall_picture_has_space_for_its_text(draw):
     picture = imageio.imread(draw("tall.png", "--size", "390x844"))[..., :3]
     dark = picture.max(axis=2) < 110
@@ -68,6 +70,7 @@ def test_tall_picture_has_space_for_its_text(draw):
     assert not dark[:, [0, 1, -2, -1]].any()
 
 
+@pytest.mark.stories
 def test_checks_are_those_of_a_weave(draw):
     """Of four squares two have one dark thread and one has two; there is no colour bar."""
     picture = imageio.imread(draw("checks.png", "--field", "checks"))[..., :3]
@@ -105,6 +108,7 @@ def test_the_colours_are_the_field(draw):
     assert green[:, 1].max() > at_rest[:, 1].max() + 40
 
 
+@pytest.mark.stories
 def test_a_gif_has_all_frames_and_they_differ(draw):
     frames = imageio.mimread(draw("run.gif"))
     assert len(frames) == 5
@@ -112,6 +116,7 @@ def test_a_gif_has_all_frames_and_they_differ(draw):
     assert all((a ^ b).mean() > 0.01 for a, b in pairwise(shown))
 
 
+@pytest.mark.stories
 def test_a_movie_has_all_frames(draw):
     pytest.importorskip("imageio_ffmpeg")
     with imageio.get_reader(draw("run.mp4", "--fps", "10")) as movie:
@@ -173,6 +178,7 @@ def test_full_disk_is_reported_and_leaves_the_old_file(name, run, tmp_path, caps
     assert target.read_text() == "old"
 
 
+@pytest.mark.stories
 @pytest.mark.skipif(os.name == "nt", reason="needs a shell")
 @pytest.mark.parametrize(
     ("reads", "words", "status", "told"),
@@ -196,6 +202,7 @@ def test_error_of_ffmpeg_is_reported(
     assert [file.name for file in tmp_path.iterdir()] == ["ffmpeg"]
 
 
+@pytest.mark.stories
 def test_an_obstacle_is_in_the_picture(tmp_path):
     """Below a small cloth, where without it there is only the ground."""
     ball = fc.shapes.Sphere((0.3, 0.3, -0.5), 0.45)

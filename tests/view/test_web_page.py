@@ -199,6 +199,7 @@ def rim(mask):
     return np.roll(np.any(near, axis=0) != np.all(near, axis=0), (-2, -2), (0, 1))
 
 
+@pytest.mark.stories
 def test_the_slider_moves_the_cloth(run, browser):
     page = Page(browser, run[0] / "view.html")
     assert "0.4 s" in page.page.locator(".now").inner_text()
@@ -216,6 +217,7 @@ def test_the_slider_moves_the_cloth(run, browser):
     assert not page.troubles
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("run", ["P1"], indirect=True)
 def test_field_mouse_and_play(run, browser):
     page = Page(browser, run[0] / "view.html")
@@ -238,6 +240,7 @@ def test_field_mouse_and_play(run, browser):
     page.page.close()  # it plays on
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("run", ["P1"], indirect=True)
 def test_space_plays_and_arrow_keys_move_by_one_frame(run, browser):
     page = Page(browser, run[0] / "view.html")
@@ -267,6 +270,7 @@ def test_space_plays_and_arrow_keys_move_by_one_frame(run, browser):
     page.page.close()
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("run", ["P1"], indirect=True)
 def test_checks_are_those_of_a_weave(run, browser):
     """Of four squares one is white, two have one dark thread and one has two."""
@@ -285,6 +289,7 @@ def test_checks_are_those_of_a_weave(run, browser):
     assert not page.troubles
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("run", ["P1"], indirect=True)
 @pytest.mark.parametrize("width", [360, 1280])
 def test_it_fits_phone_and_desk(run, browser, width):
@@ -327,6 +332,7 @@ def swipe(page, across, along):
     send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
 
+@pytest.mark.stories
 def test_a_finger_on_the_cloth_turns_it_or_scrolls_the_report(phone):
     before = phone.locator("canvas").screenshot()
     swipe(phone, 120, 0)
@@ -336,6 +342,7 @@ def test_a_finger_on_the_cloth_turns_it_or_scrolls_the_report(phone):
     phone.wait_for_function("scrollY > 100")
 
 
+@pytest.mark.stories
 def test_the_report_fits_a_phone(phone):
     for summary in phone.locator("summary").all():
         summary.click()

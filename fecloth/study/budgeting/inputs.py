@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import qmc
 
 from fecloth.errors import InputError, brief, is_number
 from fecloth.fabric.fabric import Fabric
@@ -52,6 +51,8 @@ class Inputs:
         logarithmic normal distribution with the same mean, deviation and correlation, the other
         numbers a normal one.
         """
+        from scipy.stats import qmc  # takes most of a second, which few commands need
+
         mean = np.array([p.value for p in self.parameters])
         is_positive = np.array([_is_positive(p) for p in self.parameters])
         scale = np.where(is_positive, mean, 1.0)

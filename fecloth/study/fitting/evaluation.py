@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 from scipy.optimize import minimize_scalar
 
 from fecloth.errors import InputError
@@ -79,11 +79,12 @@ def computed_curve(
         is_slack = places * np.sign(a[-1] + a[0]) < 0
     places = np.where(is_slack, 0.0, places)
     inside = np.clip(places, a[0], a[-1])
-    curve = CubicSpline(a, q)
+    spline = scipy.interpolate.CubicSpline
+    curve = spline(a, q)
     slope = curve(inside, 1)
     return Computed(
         values=curve(inside) + slope * (places - inside),  # beyond the rows as at the end
-        slopes=CubicSpline(a, dq)(inside) - slope[:, None] * CubicSpline(a, da)(inside),
+        slopes=spline(a, dq)(inside) - slope[:, None] * spline(a, da)(inside),
         along_slope=np.where(is_slack, 0.0, slope),
         shift=shift or 0.0,
     )

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import qmc
 
 from fecloth import validation
 from fecloth.errors import FeclothError, InputError
@@ -278,6 +277,8 @@ def choose_starts(unknowns: int, starts: int) -> list[np.ndarray]:
     """
     if starts == 1:
         return [np.zeros(unknowns)]
+    from scipy.stats import qmc  # takes most of a second, which few commands need
+
     hypercube = qmc.LatinHypercube(unknowns, seed=0).random(starts - 1)  # from 0 to 1
     others = LARGEST_START * (2 * hypercube - 1)
     return [np.zeros(unknowns), *others]

@@ -77,7 +77,7 @@ def test_three_or_fewer_steps_a_period_cause_a_warning(steps, phase):
     assert missed(1 / (13 * steps), 1.0, motion=along_z(wave))
 
 
-SLOW = {
+STORIES = {
     "a jump of a load": {"load": fc.Pressure("where(t < 0.1, 0, 5)")},
     "a uniform motion of an obstacle": {"load": ball(motion=along_z("20*t"))},
     "a jump of a pin": {"motion": along_z("where(t < 0.1013, 0, 0.1)")},
@@ -90,9 +90,9 @@ SLOW = {
 }
 
 
-@pytest.mark.parametrize("name", SLOW)
+@pytest.mark.parametrize("name", STORIES)
 def test_resolved_motions_and_loads_cause_no_warning(name):
-    assert not missed(0.005, 0.3, **SLOW[name])
+    assert not missed(0.005, 0.3, **STORIES[name])
 
 
 def test_a_function_that_fails_is_left_to_the_run():

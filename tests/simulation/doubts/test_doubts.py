@@ -100,6 +100,7 @@ def verdicts(monkeypatch, folder) -> list:
     return seen
 
 
+@pytest.mark.stories
 def test_other_words_lead_to_the_same_verdicts(monkeypatch, tmp_path):
     (tmp_path / "as_written").mkdir()
     (tmp_path / "changed").mkdir()

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from support.planned import warnings_before
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.simulation.doubts.before_run import NOTES, OF_MARCH, OF_SCENES
@@ -54,7 +55,7 @@ def found(system):
     return warnings_before(system, 0.01, TIME, doubts=OF_MARCH)
 
 
-@pytest.mark.parametrize("make", [formula, function])
+@pytest.mark.parametrize("make", stories_except([formula, function], formula))
 @pytest.mark.parametrize("text", JUMPS)
 def test_jumps_are_named_with_time_and_size(text, make):
     (words,) = found(make(text))
@@ -65,7 +66,7 @@ def test_jumps_are_named_with_time_and_size(text, make):
         assert "largest of 2 jumps" in words or "largest of 3 jumps" in words
 
 
-@pytest.mark.parametrize("make", [formula, function])
+@pytest.mark.parametrize("make", stories_except([formula, function], formula))
 @pytest.mark.parametrize("text", SMOOTH)
 def test_smooth_and_kinked_motions_are_no_jumps(text, make):
     assert found(make(text)) == []
@@ -101,6 +102,7 @@ def pulled(motion, method, t_end=0.11):
     return result.warnings
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("make", [formula, function])
 @pytest.mark.parametrize("method", [fc.BDF2(), fc.BackwardEuler(), fc.GeneralizedAlpha()], ids=str)
 def test_a_jump_that_matters_is_the_only_warning_of_a_run_and_its_remedy_works(method, make):

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from support.planned import STRIP, along_z, strip, warnings_before
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.simulation.doubts.unseen import find_missed, find_short_pulses
@@ -45,7 +45,7 @@ def pulse(begin, length):
     return f"where((t > {begin}) and (t < {begin + length}), 20, 0)"
 
 
-@pytest.mark.parametrize("kind", slow_except(KINDS, *QUICK))
+@pytest.mark.parametrize("kind", stories_except(KINDS, "pressure"))
 def test_a_pulse_is_named_with_its_time_and_a_remedy_that_works(kind):
     for begin, length in ((0.037, 0.01), (0.61, 0.03), (1.713, 0.06)):
         case = KINDS[kind](pulse(begin, length))
@@ -58,7 +58,7 @@ def test_a_pulse_is_named_with_its_time_and_a_remedy_that_works(kind):
         assert not chosen(case, fc.Adaptive(fc.BDF2(), longest=longest))
 
 
-@pytest.mark.parametrize("kind", slow_except(KINDS, *QUICK))
+@pytest.mark.parametrize("kind", stories_except(KINDS, "pressure", "pin"))
 @pytest.mark.parametrize(
     "formula",
     [
@@ -104,8 +104,8 @@ def test_a_train_of_pulses_is_named():
     assert "acts for 0.01 s" in words
 
 
-@pytest.mark.parametrize("kind", slow_except(KINDS, *QUICK))
-@pytest.mark.parametrize("dt", [0.01, 0.03])
+@pytest.mark.parametrize("kind", stories_except(KINDS, "pressure", "pin"))
+@pytest.mark.parametrize("dt", stories_except([0.01, 0.03], 0.03))
 def test_pulses_between_fixed_steps_are_named_with_a_step_that_sees_them(kind, dt):
     for place in (0.12, 0.21, 0.55):
         for length in (0.12, 0.4):
@@ -117,6 +117,7 @@ def test_pulses_between_fixed_steps_are_named_with_a_step_that_sees_them(kind, d
             assert not warnings_before(one, proposed, 0.7, doubts=[find_missed])
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.BDF2(), fc.ImplicitMidpoint()], ids=repr)
 def test_longest_bounds_the_steps_and_sees_the_pulse(method):
     cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.2, pattern="right")

@@ -10,6 +10,8 @@ from fecloth.study.fitting import file as fit_file
 from fecloth.study.fitting.fit import choose_starts
 from fecloth.study.fitting.specimens import known_reach
 
+pytestmark = pytest.mark.stories
+
 WIDTH, LENGTH, DRAWN = 0.5, 1.0, 0.1
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from support.plates import PATTERNS, rolled, square
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.nonlinear.increments import LoadIncrement, solve_increment, static_context
@@ -150,7 +150,7 @@ def bent_to(cloth, kappa):
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
-@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "right", "unstructured"))
+@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "right", "unstructured"))
 def test_a_strip_on_every_pattern_has_the_loop(pattern, element):
     """The moment is the derivative of the energy over a step by the curvature, κL ≤ 1e-3."""
     most = 1e-3
@@ -174,7 +174,7 @@ def test_a_strip_on_every_pattern_has_the_loop(pattern, element):
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
-@pytest.mark.parametrize("pattern", slow_except(PATTERNS[:5], "unstructured"))
+@pytest.mark.parametrize("pattern", stories_except(PATTERNS[:5], "unstructured"))
 @pytest.mark.parametrize("part", [0.1, 3.0], ids=["sticks", "slides"])
 def test_force_and_tangent_are_derivatives_of_the_energy(pattern, element, part):
     cloth = square(pattern, 4, element)
@@ -358,7 +358,7 @@ def let_go(pattern, n, element="P1"):
     return np.average(kappa[inner, 0], weights=weights[inner]) / (M / B) - 1
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize(("pattern", "element"), [("cross", "P1"), ("unstructured", "P2")])
 def test_a_strip_that_is_let_go_rests_at_the_curvature_of_its_friction(pattern, element):
     assert abs(let_go(pattern, 8, element)) < 5e-3
@@ -396,7 +396,7 @@ def test_a_cantilever_that_is_laid_down_has_the_closed_form():
     assert stiff[0] / stiff[2] - 1 == pytest.approx(stiff[0] / stiff[1] - 1, abs=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize(("pattern", "element"), [("unstructured", "P1"), ("cross", "P2")])
 def test_a_cantilever_on_other_meshes_and_elements(pattern, element):
     tip, exact, *_ = cantilever(16, 20.0, pattern, element)
@@ -414,6 +414,7 @@ def test_where_the_weight_does_not_overcome_the_friction_there_is_only_its_elast
     assert tip == pytest.approx(w * L**4 / (8 * B * 10.0), rel=0.01)
 
 
+@pytest.mark.stories
 def test_shaken_it_rests_where_it_would_without_friction():
     cloth = fc.Cloth.rectangle(0.2, 0.05, h=0.0125, pattern="right")
     pins = [fc.Pin("left", clamp=True)]

@@ -8,7 +8,7 @@ triangles, an error of order h.
 import numpy as np
 import pytest
 from support.plates import rolled
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from studies.evidence.models.elastica import strip
@@ -66,7 +66,7 @@ def flat_energy(cloth, rest="start"):
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
-@pytest.mark.parametrize("pattern", slow_except(STRIPS, "cross", "unstructured"))
+@pytest.mark.parametrize("pattern", stories_except(STRIPS, "unstructured"))
 def test_curved_rest_shape_stores_B_over_2_R2_when_opened_flat(pattern, element):
     errors = [abs(flat_energy(strip(pattern, n, element)) - 1) for n in (20, 40, 80)]
     assert errors[0] < 1e-3
@@ -76,6 +76,7 @@ def test_curved_rest_shape_stores_B_over_2_R2_when_opened_flat(pattern, element)
     assert np.log2(errors[0] / errors[2]) / 2 == pytest.approx(2.0, abs=0.15)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_the_order_on_jittered_meshes_is_that_of_their_mean(element):
     """The error of a mesh depends on its random moves, that of 20 edges by a quarter."""

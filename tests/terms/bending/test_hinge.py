@@ -266,6 +266,7 @@ def test_damping_force_is_on_the_angle_rate(sheet, woven, rng):
     assert power == pytest.approx(-np.vdot(system.force(system.state(x, v)), v), rel=1e-12)
 
 
+@pytest.mark.stories
 def test_decay_of_one_mode():
     """A free hinge swings as θ̈ = −ω² (θ + τ θ̇): exp(−τω²t/2) cos(ω√(1 − ζ²) t + …), ζ = ω τ/2.
 

@@ -15,7 +15,7 @@ from support.plates import (
     transverse,
     uniform_load,
 )
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from studies.references import plates
@@ -84,8 +84,9 @@ def at_32(errors):
     return errors.get(32, errors[16] / 4 if 16 in errors else np.nan)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(("edges", "limit"), [("supported", 1.5e-3), ("clamped", 1.3e-2)])
-@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "unstructured"))
+@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "unstructured"))
 def test_square_under_a_uniform_load_converges_with_order_2(pattern, edges, limit):
     """The largest error of w at n = 32 over the largest w, against Ritz's method."""
     errors = {}
@@ -98,7 +99,7 @@ def test_square_under_a_uniform_load_converges_with_order_2(pattern, edges, limi
     assert 1.9 < np.log2(first / second) < 2.2
 
 
-@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "unstructured"))
+@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "unstructured"))
 def test_orthotropic_supported_square_converges_to_navier(pattern):
     errors = {}
     for n in sizes(pattern):
@@ -111,7 +112,7 @@ def test_orthotropic_supported_square_converges_to_navier(pattern):
 
 
 @pytest.mark.parametrize(
-    ("h", "limit"), [(0.05, 5e-3), pytest.param(0.025, 1.3e-3, marks=pytest.mark.slow)]
+    ("h", "limit"), [(0.05, 5e-3), pytest.param(0.025, 1.3e-3, marks=pytest.mark.stories)]
 )
 def test_clamped_disk_converges_to_its_closed_form(h, limit):
     errors = []
@@ -133,7 +134,7 @@ def test_supported_disk_sags_as_its_poisson_ratio_says(nu):
     assert w == pytest.approx((5 + nu) / (1 + nu) / 64, rel=1e-2)
 
 
-@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "unstructured"))
+@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "unstructured"))
 def test_free_square_vibrates_at_the_frequencies_of_ritz(pattern):
     """The first and the third at n = 32, with lumped mass."""
     exact = plates.square_frequencies(ISOTROPIC.plate(), "free", 3)
@@ -150,7 +151,7 @@ def test_free_square_vibrates_at_the_frequencies_of_ritz(pattern):
     assert 1.9 < np.log2(errors[0][0] / errors[1][0]) < 2.1
 
 
-@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "right"))
+@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "right"))
 def test_energy_of_a_cylinder_across_the_mesh(pattern):
     """Nodes on a cylinder of 57°, its axis 20° off the X axis: ½ B κ² over the area, order 2."""
     errors = []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.plates import BENDING, deflection, on_sides, square, uniform_load
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from studies.references import morley, plates
@@ -31,9 +31,12 @@ def test_turned_rigidity_is_that_of_the_fabric_at_a_right_angle():
     assert turned(D, np.pi / 2) == pytest.approx(swapped)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("fabric", [ISOTROPIC, ORTHOTROPIC], ids=["isotropic", "turned"])
 @pytest.mark.parametrize("edges", ["supported", "clamped"])
-@pytest.mark.parametrize("pattern", slow_except(["right", "cross", "unstructured"], "unstructured"))
+@pytest.mark.parametrize(
+    "pattern", stories_except(["right", "cross", "unstructured"], "unstructured")
+)
 def test_plate_and_morley_approach_each_other(pattern, edges, fabric):
     """Their distance falls with h², and both approach Ritz's solution."""
     D = turned(fabric.plate(), GRAIN)

@@ -17,7 +17,7 @@ def heavy_strip(pattern, element, bending):
     return fc.System(cloth, fabric, [fc.StVK(), bending, fc.Gravity()], [left], "lumped")
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("pattern", "element"), [("right", "P1"), ("unstructured", "P1"), ("unstructured", "P2")]
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.plates import BENDING, PATTERNS, deflection, plate, rolled, square, uniform_load
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.stability.critical_step import rate_bounds
@@ -81,7 +81,7 @@ def test_rest_angles_of_the_start_need_a_start():
         plate(square("right", 4), ISOTROPIC, rest="start")
 
 
-@pytest.mark.parametrize("pattern", slow_except(["right", "cross", "unstructured"], "right"))
+@pytest.mark.parametrize("pattern", stories_except(["right", "cross", "unstructured"], "right"))
 def test_seam_of_two_fabrics_converges_with_order_2(pattern):
     """A strip of two rigidities 1 and 10 in series, bent by its weight: w by two integrations."""
     errors = []
@@ -199,6 +199,7 @@ def test_a_triangle_alone_bends_about_its_clamp():
     check_slopes(system, system.state(x + [[0, 0, 0.02 * i] for i in range(3)]))
 
 
+@pytest.mark.stories
 def test_work_of_a_clamp_that_turns_closes_the_energy_balance():
     cloth = fc.Cloth.rectangle(0.4, 0.1, 0.05, "right")
     fabric = fc.Fabric(0.2, 500.0, bending_rigidity=1e-3)

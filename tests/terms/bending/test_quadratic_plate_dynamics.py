@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.plates import flying, square
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 
@@ -16,7 +16,8 @@ FABRIC = fc.Fabric(0.2, 50.0, 0.2, bending_rigidity=(0.02, 0.01), bending_poisso
 METHODS = [fc.BDF2(), fc.ImplicitMidpoint(), fc.EnergyMomentum()]
 
 
-@pytest.mark.parametrize("method", slow_except(METHODS, METHODS[0]))
+@pytest.mark.stories
+@pytest.mark.parametrize("method", stories_except(METHODS, METHODS[0]))
 def test_methods_keep_their_order_in_time(method):
     """A damped strip, clamped level, falls from rest to half its length below the clamp."""
     cloth = fc.Cloth.rectangle(0.5, 0.25, 0.125, "right", "P2")
@@ -32,7 +33,8 @@ def test_methods_keep_their_order_in_time(method):
     assert np.log2(np.linalg.norm(a - b) / np.linalg.norm(b - c)) == pytest.approx(2.0, abs=0.15)
 
 
-@pytest.mark.parametrize("pattern", slow_except(["right", "unstructured"], "right"))
+@pytest.mark.stories
+@pytest.mark.parametrize("pattern", stories_except(["right", "unstructured"], "right"))
 @pytest.mark.parametrize("tangent", ["exact", "symmetric"])
 def test_energy_momentum_keeps_energy_and_both_momenta(pattern, tangent):
     system, start = flying(square(pattern, 4, "P2"), FABRIC, fc.StVK())
@@ -45,6 +47,7 @@ def test_energy_momentum_keeps_energy_and_both_momenta(pattern, tangent):
         assert momentum(result.state) == pytest.approx(momentum(start), abs=1e-9)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("kind", ["incompressible", "compressible"])
 def test_neo_hookean_takes_no_step_to_strains_that_no_deformation_has(kind):
     """There det C = det(I + 2 E_h) ≤ 0, and its energy would be far below that at rest."""

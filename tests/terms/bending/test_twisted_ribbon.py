@@ -17,7 +17,7 @@ and the energy per length, minimised over a and y, shares nothing with triangles
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from support.tiers import slow_except
+from support.tiers import stories_except
 
 import fecloth as fc
 
@@ -60,7 +60,10 @@ def held_at_the_helicoid(pattern, element, n):
     return sum(system.energies(twisted).values()) / exact - 1
 
 
-@pytest.mark.parametrize("pattern", slow_except(["right", "equilateral", "unstructured"], "right"))
+@pytest.mark.stories
+@pytest.mark.parametrize(
+    "pattern", stories_except(["right", "equilateral", "unstructured"], "right")
+)
 def test_ribbon_twisted_by_a_whole_turn_is_a_helicoid(pattern):
     linear = [held_at_the_helicoid(pattern, "P1", n) for n in (4, 8)]
     quadratic = [held_at_the_helicoid(pattern, "P2", n) for n in (4, 8)]
@@ -70,7 +73,7 @@ def test_ribbon_twisted_by_a_whole_turn_is_a_helicoid(pattern):
     assert abs(quadratic[1]) < 4e-4
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_linear_triangles_converge_to_the_helicoid_with_order_2():
     errors = [held_at_the_helicoid("right", "P1", n) for n in (8, 16)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
@@ -89,7 +92,7 @@ def turned_by_clamps(pattern, element, n):
     return sum(system.energies(fc.equilibrium(system, start, tolerance=1e-8)).values())
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_clamps_that_turn_twist_all_meshes_alike():
     """No closed form: P2 on two meshes and the limits of P1 on three agree to 3e-3.
 

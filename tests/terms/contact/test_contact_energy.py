@@ -41,6 +41,7 @@ def against(kind, folder):
     return fc.SelfContact(GAP, friction=0.2, stiffness=KAPPA, restitution=1.0), cloth, x
 
 
+@pytest.mark.stories
 @pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 @pytest.mark.parametrize("kind", ["Obstacle", "MeshObstacle", "SelfContact"])
 def test_the_energy_that_a_bounce_has_lost_is_the_heat_of_friction(kind, tmp_path):

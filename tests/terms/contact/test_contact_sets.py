@@ -155,6 +155,7 @@ def test_many_pairs_are_not_kept(monkeypatch):
     np.testing.assert_allclose(sets.force(x), usual.force(x), rtol=0, atol=1e-12)
 
 
+@pytest.mark.stories
 @pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
 def test_a_march_goes_on_bit_for_bit(method):

@@ -9,17 +9,18 @@ from studies.contact import references
 from studies.evidence.contact.drop import drop
 
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
-SLOW = pytest.mark.slow
+STORIES = pytest.mark.stories
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("mu", "angle", "method"),
     [
         (0.3, math.pi / 2, fc.BackwardEuler()),
-        pytest.param(0.0, math.pi / 2, fc.BackwardEuler(), marks=SLOW),
-        pytest.param(0.6, math.pi / 2, fc.BackwardEuler(), marks=SLOW),
-        pytest.param(0.3, math.pi, fc.BackwardEuler(), marks=SLOW),
-        pytest.param(0.3, math.pi / 2, fc.BDF2(), marks=SLOW),
+        pytest.param(0.0, math.pi / 2, fc.BackwardEuler(), marks=STORIES),
+        pytest.param(0.6, math.pi / 2, fc.BackwardEuler(), marks=STORIES),
+        pytest.param(0.3, math.pi, fc.BackwardEuler(), marks=STORIES),
+        pytest.param(0.3, math.pi / 2, fc.BDF2(), marks=STORIES),
     ],
 )
 def test_a_strip_pulled_over_a_cylinder_obeys_the_capstan_equation(mu, angle, method):
@@ -55,7 +56,8 @@ def test_a_radius_of_contact_fits_the_height_of_the_plate():
     assert radii == pytest.approx([0.0, 0.1], abs=2e-3)
 
 
-@pytest.mark.parametrize("method", [fc.BackwardEuler(), pytest.param(fc.BDF2(), marks=SLOW)])
+@pytest.mark.stories
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), pytest.param(fc.BDF2(), marks=STORIES)])
 def test_no_node_of_a_sheet_that_falls_on_a_ball_enters_it(method):
     result = drop(0.05, 0.35, method)
     assert 0.0 < result.least < 1e-3

@@ -64,6 +64,7 @@ def test_it_carries_the_weight(table):
     assert 1.5e-3 < state.x[:, 2].min() < state.x[:, 2].max() < 2.1e-3
 
 
+@pytest.mark.stories
 def test_a_cloth_that_falls_on_it_stays_above(table):
     cloth = fc.Cloth.rectangle(0.2, 0.2, 0.05)
     ball = fc.MeshObstacle(table, gap=3e-3, friction=0.3, scale=0.01)
@@ -142,6 +143,7 @@ def test_the_force_of_a_mesh_that_moves_is_the_derivative_of_its_energy(table, r
         assert over.work(x) == pytest.approx(change, rel=1e-5)
 
 
+@pytest.mark.stories
 @pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_plate_that_rises_lifts_the_cloth(friction, table):

@@ -110,13 +110,14 @@ def leave(method, v, dt, phase):
     return apart / v, run
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize(
     ("method", "v", "dt"),
     [
         (fc.BackwardEuler(), 1.0, 0.01),
         (fc.BDF2(), 1.0, 1e-3),
-        pytest.param(fc.BDF2(), 1.0, 1e-4, marks=pytest.mark.slow),
-        pytest.param(fc.BackwardEuler(), 0.1, 0.01, marks=pytest.mark.slow),
+        pytest.param(fc.BDF2(), 1.0, 1e-4, marks=pytest.mark.stories),
+        pytest.param(fc.BackwardEuler(), 0.1, 0.01, marks=pytest.mark.stories),
     ],
 )
 def test_sheets_that_meet_stay_together(method, v, dt):
@@ -140,6 +141,7 @@ def plate(tmp_path_factory):
     return path
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("body", ["a mesh", "a thin rod"])
 def test_a_strip_does_not_leave_what_it_hits(body, plate):
     """With elastic pairs it leaves the mesh with 0.38 of its speed. The rod is under its middle."""

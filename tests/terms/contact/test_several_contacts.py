@@ -57,6 +57,7 @@ def crosses(system, x):
     return len(find_intersections(system.cloth.triangles, x)) > 0
 
 
+@pytest.mark.stories
 def test_the_order_of_the_contacts_does_not_count():
     ends, largest = [], 0.0
     for contacts in ([ITSELF, FLOOR], [FLOOR, ITSELF]):
@@ -70,6 +71,7 @@ def test_the_order_of_the_contacts_does_not_count():
     assert abs(ends[0] - ends[1]).max() < 1e-9 * largest
 
 
+@pytest.mark.stories
 def test_a_fast_plane_presses_folds_in_repeated_steps():
     """The rows keep the times of the whole steps."""
     system, start, top = folds(2.0)
@@ -170,7 +172,7 @@ def test_a_step_to_the_other_side_of_an_obstacle_is_refused_by_name(way, leaps):
         refuse_crossed(system, new, old)
 
 
-@pytest.mark.slow
+@pytest.mark.stories
 def test_a_sheet_at_20_m_s_does_not_find_a_way_around_a_ball_within_a_step():
     """Newton's iteration would find one: behind the ball the sheet keeps all its speed."""
     system, start = thrown(20.0)
@@ -267,6 +269,7 @@ def test_nodes_that_pins_hold_are_not_moved_by_a_guess():
     assert find_guess([Way(refuses, start, start, 1.0)], x, hold) is None
 
 
+@pytest.mark.stories
 @pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
 def test_two_free_pieces_that_collide_run_to_their_end(method):

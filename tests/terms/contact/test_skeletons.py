@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth import shapes as S
@@ -49,7 +50,7 @@ def crossings(skeleton, x, triangles):
     return count
 
 
-@pytest.mark.parametrize("name", THIN)
+@pytest.mark.parametrize("name", stories_except(THIN, "needle"))
 def test_a_thin_shape_never_pierces_the_cloth(name, rng):
     """Thrown at 3 m/s, from a start turned a little, so that nothing is parallel."""
     system, term, x = bind(THIN[name], friction=0.3)
@@ -167,6 +168,7 @@ def test_a_start_inside_is_refused_with_the_nodes():
         next(fc.march(system, fc.BackwardEuler(), system.state(x), 0.01, 0.1))
 
 
+@pytest.mark.stories
 @pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")  # its steps are coarse
 @pytest.mark.parametrize("beside", [0.005, 0.02])
 def test_a_needle_lifts_a_triangle_with_nodes_that_are_held(beside):

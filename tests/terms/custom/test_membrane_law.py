@@ -63,6 +63,7 @@ def test_fung_law_agrees_with_its_formula(own):
         assert force == pytest.approx(stretch * 1000 * E * np.exp((E / 0.2) ** 2), abs=0.06)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", [*METHODS, "central_difference"])
 def test_a_law_serves_every_method(own, cloth, isotropic, name):
     """A taut sheet that swings, with damping by the law's own ℂ₀."""

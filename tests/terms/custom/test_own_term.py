@@ -56,6 +56,7 @@ def test_all_ways_to_write_an_elastic_bed_give_the_same_force(own, cloth, isotro
     assert systems[1].energies(state)["Condition"] == pytest.approx(energy, rel=1e-12)
 
 
+@pytest.mark.stories
 def test_a_bed_bounces_at_its_frequency_and_keeps_its_energy(own, cloth, isotropic):
     """√(k/ρ) for a cloth that moves as one piece; the ledger has a column for the term."""
     k = 300.0

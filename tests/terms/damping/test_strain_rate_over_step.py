@@ -130,6 +130,7 @@ def moved(isotropic, mass, terms):
     return system, system.state(affine(cloth, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.1]]))
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("method", [*DAMPED, fc.Adaptive(fc.BDF2(), 0.1)], ids=repr)
 def test_ledger_closes(method, mass, isotropic):
@@ -181,6 +182,7 @@ def test_a_method_without_a_difference_refuses_it(method, small, isotropic):
         next(fc.march(system, method, system.rest(), 1e-3, 2e-3))
 
 
+@pytest.mark.stories
 def test_order_two_with_steps_of_changing_size(small, isotropic):
     """BDF2 with the ratios 2 and ½ of one step to the last, over a turn of a radian."""
     terms = [fc.StVK(), fc.StrainRateDamping(1e-3), fc.Gravity()]

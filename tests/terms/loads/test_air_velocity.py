@@ -17,6 +17,7 @@ def test_gusts_equal_seeds_give_equal_gusts(rng):
     np.testing.assert_allclose(one.velocity(np.zeros((1, 3)), 0.0)[0], FIRST, rtol=1e-12)
 
 
+@pytest.mark.stories
 def test_gusts_have_the_given_intensity_and_length():
     """Averaged over seeds: mean U, variance σ², covariance along their axis σ² e^(−r²/(2 ℓ²))."""
     U, length = np.array([5.0, 0.0, 0.0]), 0.5

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import affine, flat, rough
 from support.fast_states import fast_states
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators import METHODS
@@ -82,6 +83,7 @@ def test_a_turned_and_shifted_state(sheet, isotropic, rng):
 # --- closed forms ---------------------------------------------------------------------------------
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("law", LAWS)
 def test_fall_of_a_level_plate_to_its_terminal_velocity(law, sheet, isotropic):
     """ρ v′ = ρ g − k vᵖ: v = v∞ tanh(g t/v∞) with v∞ = √(ρ g/k), or v∞ (1 − e^(−k t/ρ))."""
@@ -107,7 +109,7 @@ def test_fall_of_a_level_plate_to_its_terminal_velocity(law, sheet, isotropic):
 # --- the balance of momentum and of energy, step by step ------------------------------------------
 
 
-@pytest.mark.parametrize("term", ["drag", "wind"])
+@pytest.mark.parametrize("term", stories_except(["drag", "wind"], "wind"))
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("method", ["backward_euler", "implicit_midpoint"])
 def test_momentum_of_a_falling_sheet_changes_by_the_force_of_the_stage(
@@ -135,6 +137,7 @@ def test_momentum_of_a_falling_sheet_changes_by_the_force_of_the_stage(
         np.testing.assert_allclose(change, dt * pushed, rtol=1e-13, atol=dt * left)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("method", ["backward_euler", "implicit_midpoint"])
 def test_ledger_of_a_falling_plate_closes_to_round_off(method, law, sheet, isotropic, rng):

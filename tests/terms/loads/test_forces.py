@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import rough
+from support.tiers import MASSES, in_turn
 
 import fecloth as fc
 from fecloth.integrators import METHODS
@@ -46,8 +47,7 @@ def slowed(method, z, steps):
     return (trapezoid if method().traits.order == 2 else 1 / (1 + z)) ** steps
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+@pytest.mark.parametrize(("method", "mass"), in_turn([*METHODS.values()], MASSES))
 def test_mass_damping_momentum_factor_of_each_method(method, mass, sheet, isotropic):
     """e^(−α t): (1 − α dt/2)/(1 + α dt/2) for midpoint, 1/(1 + α dt) for Euler."""
     rate, dt, v = 3.0, 0.02, np.array([1.0, -2.0, 0.5])
@@ -140,6 +140,7 @@ def test_strip_pulled_at_its_end(isotropic):
     np.testing.assert_allclose(result.state.x[:, 0], stretch * cloth.X[:, 0], atol=1e-9)
 
 
+@pytest.mark.stories
 def test_point_force_work_is_in_the_ledger(sheet, isotropic):
     """On a free cloth in rigid motion, with F(t) = m (a, 2 a t, 0) at each node."""
     system = fc.System(sheet, isotropic, [fc.StVK()])

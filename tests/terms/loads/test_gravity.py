@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import flat, rough
+from support.tiers import MASSES, in_turn
 
 import fecloth as fc
 from fecloth.integrators import METHODS
@@ -66,8 +67,7 @@ def test_force_is_constant_and_has_no_tangent(system, sheet, rng):
     assert len(system.pattern.indices) == len(sheet.X)  # it couples no nodes
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+@pytest.mark.parametrize(("method", "mass"), in_turn([*METHODS.values()], MASSES))
 def test_free_fall_of_every_node(method, mass, sheet, isotropic):
     """v = g t exactly; x = ½ g t² at second order, ½ g t (t + dt) by the Euler methods."""
     terms = [fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity(ACCELERATION)]

@@ -33,6 +33,7 @@ def test_exact_tangents_in_wind(law, wind):
     )
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("law", LAWS)
 def test_free_cloth_reaches_the_velocity_of_the_wind(law, sheet, isotropic):
     """|v − u| = |u| e^(−k t/ρ), or |u| / (1 + k |u| t/ρ), for wind normal to the cloth."""

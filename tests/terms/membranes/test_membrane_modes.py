@@ -71,7 +71,10 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("shape", "pattern", "mass"), CASES)
+@pytest.mark.parametrize(
+    ("shape", "pattern", "mass"),
+    [CASES[0], *(pytest.param(*case, marks=pytest.mark.stories) for case in CASES[1:])],
+)
 def test_frequencies_and_their_order(shape, pattern, mass, record_property):
     """Within 1 % at h = L/40, and the norm of the six relative errors falls as h²."""
     errors, sizes = [], []
@@ -90,6 +93,7 @@ def test_frequencies_and_their_order(shape, pattern, mass, record_property):
         assert min(errors[-1]) > 0
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.CentralDifference()], ids=repr)
 @pytest.mark.parametrize("shape", ["rectangle", "disk"])
 def test_frequency_of_a_run(shape, method):

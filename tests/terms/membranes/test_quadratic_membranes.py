@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import pytest
 from support import oracle
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.terms.kinematics import principal_stretches
@@ -182,7 +183,7 @@ def static_errors(element, n, per="node", strain="interpolated"):
     return cloth.l2_error(x, motion, 10), cloth.h1_error(x, motion_gradient, 10)
 
 
-@pytest.mark.parametrize("per", ["node", "area"])
+@pytest.mark.parametrize("per", stories_except(["node", "area"], "area"))
 @pytest.mark.parametrize(("element", "l2", "h1"), [("P1", 2, 1), ("P2", 3, 2)])
 def test_orders_in_space(element, l2, h1, per):
     points = np.random.default_rng(0).uniform(size=(500, 2))
@@ -193,6 +194,7 @@ def test_orders_in_space(element, l2, h1, per):
     assert orders == pytest.approx([l2, h1], abs=0.15)
 
 
+@pytest.mark.stories
 def test_both_strains_have_the_orders_of_quadratic_triangles():
     errors = {
         strain: np.array([static_errors("P2", n, "node", strain) for n in (8, 16, 32)])

@@ -42,6 +42,7 @@ def test_force_energy_and_power(cloth, rng):
     assert bound.supply(x, v, 0.5) == pytest.approx(damping.sum(axis=0) @ speed, rel=1e-12)
 
 
+@pytest.mark.stories
 def test_a_single_mass_follows_a_hand_that_swings():
     """One free node of mass m: m ẍ + k_d (ẋ − ṗ) + k (x − p) = 0 with p = A sin ωt, closed form."""
     cloth = fc.Cloth.from_arrays([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], renumber=False)
@@ -63,6 +64,7 @@ def test_a_single_mass_follows_a_hand_that_swings():
     assert abs(motion) > 0.05
 
 
+@pytest.mark.stories
 def test_ledger_closes_with_the_work_of_the_hand(cloth):
     """Second order in dt: the remainder of the midpoint rule, by the hand's work."""
     hand = fc.Tether("right", ("1 + 0.1 * sin(5 * t)", "0.5", "0.3 * t"), 20.0, 0.4)
