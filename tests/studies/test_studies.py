@@ -47,7 +47,6 @@ def run_here(monkeypatch, capsys):
         ("convergence.space_error", "outside 0.5 … 2.0: 0 <= 0: met"),
         ("evidence.convergence.graded_meshes", "0 orders in H1 are not recovered"),
         ("evidence.convergence.catalogue", "share of problems that are covered: 1 >= 0.95: met"),
-        ("evidence.newton_catalogue.statics", "problems that are not solved: 0 <= 0: met"),
         ("models.hinge_bias", "derived"),
         ("models.homogenised_moduli", "exponent of h"),
         ("evidence.benchmarks.auto_solver", "figures met"),
