@@ -65,7 +65,7 @@ class Auto(ChosenSteps):
     over its length. An explicit step is never longer than stability allows, an implicit one
     costs as much as some tens of explicit ones; so the stiff, the finely meshed, the damped
     and the slow go to the implicit method, and what moves with its own waves to the explicit
-    one (studies/evidence/benchmarks/method_choice.py).
+    one.
 
     With contact it is `Adaptive` around `BDF2`, without a trial.
 

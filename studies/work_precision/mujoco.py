@@ -17,14 +17,14 @@ from studies.work_precision.runs import LONG
 from studies.work_precision.scenes import PAPER, SAMPLES, SCENES, Scene
 
 Rows = list[dict]
-FLEX = {"trampoline": {}, "swing": {"pins": "left", "elastic": "both"}}
+PINS = {"trampoline": "boundary", "swing": "left"}
 STEPS = (5e-3, 2.5e-3, 1.25e-3)  # s
 
 
 def list_mujoco_cases(quick: bool) -> Rows:
     """List explicit steps near the limit, and long `discrete` steps."""
     found = []
-    for scene in ("trampoline",) if quick else tuple(FLEX):
+    for scene in ("trampoline",) if quick else PINS:
         for h in MESHES[scene][1:2] if quick else MESHES[scene][1:3]:
             found.append(case(scene, h, "MuJoCo Euler", STABLE[scene] * h))
             found += [case(scene, h, "MuJoCo discrete", dt) for dt in STEPS]
@@ -55,15 +55,23 @@ def make_model(problem: Scene, scene: str, dt: float, integrator: str):
     """Return MuJoCo's model and the data of its state."""
     import mujoco
 
-    from studies.evidence.benchmarks.mujoco import make_flex
+    from studies.engines import mujoco_flex
 
-    options = dict(FLEX[scene])
-    if scene == "swing":
-        options["thickness"] = float(np.sqrt(12 * PAPER.bending[0] / PAPER.tensile[0]))
-    model = make_flex(problem.system, dt, integrator, **options)
-    data = mujoco.MjData(model)
-    mujoco.mj_setConst(model, data)
-    return model, data
+    cloth, fabric = problem.system.cloth, problem.system.fabric
+    case = {
+        "X": cloth.X,
+        "triangles": cloth.triangles,
+        "pins": cloth.nodes(PINS[scene]),
+        "gravity": (0.0, 0.0, -9.81),
+        "fabric": {
+            "areal_density": fabric.areal_density,
+            "tensile_stiffness": fabric.tensile,
+            "poisson_ratio": fabric.poisson_ratio,
+            "bending_rigidity": PAPER.bending[0] if scene == "swing" else 0.0,
+        },
+    }
+    model = mujoco_flex.make_model(case, dt, explicit=integrator == "Euler")
+    return model, mujoco.MjData(model)
 
 
 def run_once(problem: Scene, model, data, samples: int, each: int) -> np.ndarray:

@@ -217,7 +217,6 @@ def test_solvers_that_are_made_anew_take_no_more_memory(tmp_path):
     ("study", "says"),
     [
         ("studies.evidence.distributed.scaling --quick", "2 processes"),
-        ("studies.evidence.distributed.references --scene table --quick", "'triangles': 320"),
     ],
 )
 def test_quick_form_on_two_processes(study, says):

@@ -7,7 +7,6 @@ import pytest
 
 from studies.validation.drape.cases import FOLDED, list_cases
 from studies.validation.drape.parts import predict
-from studies.validation.drape.pictures import subdivide
 from studies.validation.drape.specimen import (
     DENSITY,
     HEIGHT,
@@ -104,14 +103,3 @@ def test_the_measured_fabrics():
         "wool tropical": 49.8,
         "polyester tropical": 50.7,
     }
-
-
-def test_a_picture_follows_a_quadratic_surface():
-    corners = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
-    z = corners[:, 0] ** 2 - 3 * corners[:, 0] * corners[:, 1]
-    points, triangles = subdivide(np.column_stack([corners, z])[None])
-    x, y, height = points.T
-    assert height == pytest.approx(x**2 - 3 * x * y, abs=1e-12)
-    a, b, c = np.moveaxis(points[triangles][:, :, :2], 1, 0)
-    areas = 0.5 * np.abs(np.linalg.det(np.stack([b - a, c - a], axis=1)))
-    assert areas.sum() == pytest.approx(0.5)

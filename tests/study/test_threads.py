@@ -60,7 +60,7 @@ def test_commands_limit_every_library_before_they_import_it():
         assert limits == ["1"] * len(NAMES), name
 
 
-@pytest.mark.parametrize("name", ["kernels", "multigrid"])
+@pytest.mark.parametrize("name", ["step_costs", "terms"])
 def test_scripts_work_on_one_thread(name):
     assert lines_of(SCRIPTS.format(name=name)) == [["1"] * (1 + len(NAMES))]
 

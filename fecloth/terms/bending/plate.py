@@ -51,7 +51,7 @@ class PlateBending:
     bending, P1 membranes lock where Y h⁴κ²/B is large and no edges lie along the folds.
 
     Cost of a triangle relative to `HingeBending`: force 1.0 to 1.1, tangent 1.7 to 2.1; the
-    matrix has about twice the entries (``python -m studies.evidence.benchmarks.bending``).
+    matrix has about twice the entries (``python -m studies.evidence.benchmarks``).
 
     Parameters
     ----------

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 
 import fecloth as fc
+from fecloth.scene.scene import load_scene
 from fecloth.study.result import markdown_table
 from studies import harness
-from studies.evidence.benchmarks import multigrid
-from studies.evidence.benchmarks.linear_solvers import damped_sheet, scene
-from studies.evidence.benchmarks.measure import FABRIC, Measured, print_verdicts, square
+from studies.evidence.benchmarks import step_costs
+from studies.evidence.benchmarks.measure import FABRIC, SCENES, Measured, print_verdicts, square
 
 SOLVERS = ("multigrid", "pardiso", "pcg")
 MEAN, WORST = 1.15, 1.4  # limits of the ratio
@@ -58,27 +58,29 @@ class Sheets:
     """Sheets of several meshes in the same motion."""
 
     def __init__(self, triangles: int = 2_000, t_end: float = 0.4):
-        self.start, self.made = multigrid.fallen(triangles, t_end), {}
+        self.start, self.made = step_costs.fallen(triangles, t_end), {}
 
     def run(self, triangles: int, dt: float, steps: int, method=None, fabric=None) -> Run:
         """Return a run of a sheet."""
         if (triangles, fabric) not in self.made:
-            system = multigrid.sheet(triangles, fabric=fabric or multigrid.FABRIC)
-            self.made = {(triangles, fabric): (system, multigrid.transfer(*self.start, system))}
+            system = step_costs.sheet(triangles, fabric=fabric or step_costs.FABRIC)
+            self.made = {(triangles, fabric): (system, step_costs.transfer(*self.start, system))}
         system, state = self.made[triangles, fabric]
         return Run(system, method or fc.BackwardEuler(), state, dt, steps, fc.Newton())
 
 
 def of_scene(name: str, steps: int, *overrides: str) -> Run:
     """Return a run of a file in studies/scenes."""
-    case = scene(name, *overrides)
-    return Run(case.system, case.method, case.state, case.dt, steps, case.newton)
+    built = load_scene(SCENES / f"{name}.toml", overrides).build()
+    return Run(built.system, built.method, built.start, built.dt, steps, built.newton)
 
 
 def damped(h: float) -> Run:
     """Return a run of a sheet with strain-rate damping."""
-    case = damped_sheet(h, 1.0)
-    return Run(case.system, case.method, case.state, case.dt, 20, case.newton)
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=h)
+    terms = [fc.StVK(), fc.StrainRateDamping(0.02), fc.Gravity()]
+    system = fc.System(cloth, FABRIC, terms, pins=["left"])
+    return Run(system, fc.ImplicitMidpoint(), system.rest(), 2e-3, 20, fc.Newton())
 
 
 def hanging(triangles: int) -> Run:

@@ -55,13 +55,6 @@ def square(triangles: int, pattern: str = "unstructured") -> fc.Cloth:
     return fc.Cloth.rectangle(1.0, 1.0, h=h, pattern=pattern)
 
 
-def stretched_state(system: fc.System) -> fc.State:
-    """Return a state with 2 % of stretch in both directions and a shallow wave."""
-    X = system.cloth.X
-    x = np.column_stack([1.02 * X, 0.02 * np.sin(3 * X[:, 0])])
-    return system.state(x)
-
-
 def print_verdicts(jobs: list[Callable[[], list[Measured]]], is_quick: bool) -> int:
     """Run the jobs and print their numbers; return 1 if a limit is missed, except with --quick."""
     measured = []

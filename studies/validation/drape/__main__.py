@@ -27,7 +27,6 @@ from typing import Any
 import numpy as np
 
 from fecloth import study
-from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
 from fecloth.study.result import Row, markdown_table
 from fecloth.study.status import OK
@@ -35,8 +34,8 @@ from studies import harness
 from studies.validation.comparison import Comparison, table, write_comparisons
 from studies.validation.drape.cases import QUICK_STEPS, list_cases
 from studies.validation.drape.parts import ENDS, Prediction, predict
-from studies.validation.drape.pictures import NAMES, draw_cloths, draw_figure, parts_of
-from studies.validation.drape.specimen import LOAD_STEPS, H, drape, measured, mesh_ring
+from studies.validation.drape.pictures import NAMES, draw_figure, parts_of
+from studies.validation.drape.specimen import LOAD_STEPS, drape, measured
 
 HERE = Path(__file__).parent
 COEFFICIENT, FOLDS = "drape coefficient [%]", "folds"  # columns of what was measured
@@ -63,18 +62,16 @@ def main() -> int:
         predictions,
         {fabric: numbers[COEFFICIENT] for fabric, numbers in D.items()},
     )
-    pictures = ["comparison.png"] + ([] if options.quick else draw_picture(options.out, rows, D))
-    write_page(options, predictions, [*coefficients, *folds], pictures, find(rows))
+    write_page(options, predictions, [*coefficients, *folds], find(rows))
     code = harness.write_report(
         options,
         (__doc__ or "").splitlines()[0],
-        [{k: v for k, v in row.items() if not isinstance(v, list)} for row in rows],
+        rows,
         findings=find(rows),
     )
     if options.write:
-        for name in ("README.md", "comparison.csv", "comparison.png", "cloths.png", "results.csv"):
-            if (options.out / name).exists():
-                shutil.copy(options.out / name, HERE / name)
+        for name in ("README.md", "comparison.csv", "comparison.png", "results.csv"):
+            shutil.copy(options.out / name, HERE / name)
     return code
 
 
@@ -90,46 +87,18 @@ def find(rows: Sequence[Mapping[str, Any]]) -> list[harness.Finding]:
     ]
 
 
-def draw_picture(out: Path, rows: Sequence[Mapping[str, Any]], D: dict) -> list[str]:
-    """Draw the cloths of the first start on the finest mesh; nothing without PyVista."""
-    try:
-        study.require_packages("pyvista")
-    except InputError as missing:
-        print(f"no picture: {missing}")
-        return []
-    shapes, words = {}, {}
-    for row in rows:
-        for end in ENDS if row.get("shape") else ():
-            prefix = "" if end == "elastic" else f"{end}_"
-            if not row.get(f"{prefix}x"):
-                continue
-            key = str(row["fabric"]), end
-            shapes[key] = np.array(row[f"{prefix}x"]).reshape(-1, 3)
-            number = f"{row[f'{prefix}coefficient']:.1f} %, {row[f'{prefix}folds']} folds"
-            D_, folds = D[key[0]][COEFFICIENT], D[key[0]][FOLDS]
-            words[key] = f"{number}; measured {D_:g} %, {folds:g} folds"
-    draw_cloths(out / "cloths.png", mesh_ring(H[-1]), shapes, words)
-    return ["cloths.png"]
-
-
 def write_page(
     options: argparse.Namespace,
     predictions: Sequence[Prediction],
     comparisons: Sequence[Comparison],
-    pictures: Sequence[str],
     findings: Sequence[harness.Finding],
 ) -> None:
     """Write README.md: the question, the comparison, its parts, and what follows."""
     question, _, rest = (__doc__ or "").strip().partition("\n")
     what, _, command = rest.strip().rpartition("\n\n")
     verdicts = [each for each in comparisons if each.agrees is not None]
-    captions = {
-        "comparison.png": "Each prediction with twice its own uncertainty, and its parts.",
-        "cloths.png": "The first start at rest on the finest mesh.",
-    }
-    shown = [f"![{captions[name]}]({name})" for name in pictures]
     parts = [
-        f"# {question}", what, f"`{command.strip()}`", *shown,
+        f"# {question}", what, f"`{command.strip()}`", PICTURE,
         "## Predicted and measured", UNITS, markdown_table(table(verdicts)),
         say_what_follows(predictions, verdicts),
         "## Parts of the uncertainty", PARTS, markdown_table([budget_row(p) for p in predictions]),
@@ -178,6 +147,7 @@ def budget_row(p: Prediction) -> Row:
     return {"fabric": p.fabric, "model": p.model, "value": f"{p.value:.1f}", **signed, **changes}
 
 
+PICTURE = "![Each prediction with twice its own uncertainty, and its parts.](comparison.png)"
 UNITS = (
     "In points of the drape coefficient. Time is the load steps, input is constants, mass and "
     "support; [all pages of validation](../README.md) say what else the uncertainties are. The "

@@ -31,7 +31,6 @@ from studies.validation.drape.specimen import FEW, LOAD_STEPS, MORE_STEPS, START
 MODELS = ("elastic", "friction")
 TAKEN = FEW[:1]  # the starts that show the parts of the constants and of the load steps
 FOLDED = -5  # the start with five folds
-SHOWN = STARTS[0], H[-1]  # the start and the mesh of the picture
 QUICK_STEPS = 5  # of the elastic cloth in the quick form
 COARSE = (0.05, 0.04, 0.032)  # edges of the triangles of the quick form [m]
 
@@ -44,8 +43,7 @@ def list_cases(fabrics: Sequence[str], quick: bool = False) -> list[dict]:
     for fabric in fabrics:
         for model in MODELS:
             case = {"fabric": fabric, "model": model}
-            pairs = [(start, h) for h in H for start in STARTS]
-            cases += [case | {"start": s, "h": h, "shape": (s, h) == SHOWN} for s, h in pairs]
+            cases += [case | {"start": start, "h": h} for h in H for start in STARTS]
             coarse = [case | {"start": start, "h": H[0]} for start in TAKEN]
             changes = list_changes(list(UNCERTAIN), model)
             cases += [each | change for change in changes for each in coarse]

@@ -1,4 +1,4 @@
-"""The draped cloths of the first start, and the figure of what was predicted and measured."""
+"""The figure of what was predicted and measured."""
 
 from __future__ import annotations
 
@@ -8,16 +8,10 @@ from typing import Any
 
 import numpy as np
 
-import fecloth as fc
 from fecloth.study.figures import COLOURS, new_figure
-from fecloth.view.checker_pattern import weave_texture
-from studies.validation.drape.parts import ENDS, Prediction
-from studies.validation.drape.specimen import SCATTER, SUPPORT
+from studies.validation.drape.parts import Prediction
+from studies.validation.drape.specimen import SCATTER
 
-FINE = 6  # parts of an edge of a triangle in a picture
-SQUARE = 0.01  # side of a square of the weave [m]
-PAPER, DISK = "#f6f7f9", "#d9d4cb"
-EYE = (0.0, -0.62, 0.42)  # of the camera [m]
 NAMES = {
     "tensile_stiffness": "tension", "shear_stiffness": "shear", "bending_rigidity": "B",
     "bending_hysteresis": "2HB", "bias_rigidity": "B along the bias",
@@ -70,66 +64,3 @@ def _draw_parts(ax: Any, parts: Sequence[Mapping[str, float]]) -> None:
         begin = begin + width
     ax.set(xlabel="part of total² [%]", xlim=(0, 100), yticks=[])
     ax.legend(fontsize=8, ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.15))
-
-
-def draw_cloths(
-    path: Path, cloth: fc.Cloth, shapes: Mapping[tuple[str, str], np.ndarray], words: Mapping
-) -> None:
-    """Write a picture of the cloths by fabric and end, each with its words below.
-
-    `shapes` are positions (n, 3) [m] on the `cloth` of P2 triangles. Needs PyVista.
-    """
-    fabrics = list(dict.fromkeys(fabric for fabric, _ in shapes))
-    drawing, axes = new_figure(len(fabrics), len(ENDS), (12.0, 3.1 * len(fabrics)), squeeze=False)
-    for (fabric, end), x in shapes.items():
-        ax = axes[fabrics.index(fabric), ENDS.index(end)]
-        ax.imshow(_photograph(cloth, x))
-        ax.set_title(f"{fabric}, {end}", loc="left", fontsize=11)
-        ax.set_xlabel(words[fabric, end], fontsize=10)
-        ax.set(xticks=[], yticks=[])
-        ax.spines[:].set_visible(False)
-    drawing.savefig(path, dpi=80)
-
-
-def _photograph(cloth: fc.Cloth, x: np.ndarray) -> np.ndarray:
-    """An image (h, w, 3) of a cloth on its support."""
-    import pyvista
-
-    points, triangles = subdivide(x[cloth.cells])
-    X, _ = subdivide(np.pad(cloth.X, ((0, 0), (0, 1)))[cloth.cells])
-    mesh = pyvista.PolyData.from_regular_faces(points, triangles)
-    mesh.active_texture_coordinates = X[:, :2] / (2 * SQUARE)
-    mesh = mesh.clean()
-    mesh.compute_normals(cell_normals=False, consistent_normals=False, inplace=True)
-    plotter: Any = pyvista.Plotter(off_screen=True, window_size=[640, 420])
-    plotter.set_background(PAPER)
-    texture = pyvista.Texture(weave_texture())
-    texture.repeat = texture.interpolate = texture.mipmap = True
-    plotter.add_mesh(mesh, texture=texture, ambient=0.3, diffuse=0.8).prop.interpolation = "phong"
-    for centre, height in (((0, 0, -0.061), 0.12), ((0, 0, 0.003), 0.004)):
-        size: dict[str, Any] = {"radius": SUPPORT - 1e-3, "height": height, "resolution": 120}
-        cylinder = pyvista.Cylinder(center=centre, direction=(0, 0, 1), **size)
-        plotter.add_mesh(cylinder, color=DISK, ambient=0.1, diffuse=0.8)
-    plotter.camera_position = [EYE, (0.0, 0.0, -0.02), (0.0, 0.0, 1.0)]
-    plotter.camera.view_angle = 18
-    image = np.asarray(plotter.screenshot(return_img=True))
-    plotter.close()
-    return image
-
-
-def subdivide(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points and flat triangles on P2 triangles with the nodes `corners` (m, 6, 3)."""
-    i, j = np.nonzero(np.tri(FINE + 1)[::-1])
-    a, b = i / FINE, j / FINE
-    c = 1 - a - b
-    shapes = [a * (2 * a - 1), b * (2 * b - 1), c * (2 * c - 1), 4 * a * b, 4 * b * c, 4 * c * a]
-    points = np.einsum("kp,mkd->mpd", shapes, corners)
-    number = {pair: n for n, pair in enumerate(zip(i.tolist(), j.tolist(), strict=True))}
-    local = [[number[p, q], number[p + 1, q], number[p, q + 1]] for p, q in number if p + q < FINE]
-    local += [
-        [number[p + 1, q], number[p + 1, q + 1], number[p, q + 1]]
-        for p, q in number
-        if p + q < FINE - 1
-    ]
-    offset = len(number) * np.arange(len(corners))[:, None, None]
-    return points.reshape(-1, 3), (offset + np.array(local)).reshape(-1, 3)

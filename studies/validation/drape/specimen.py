@@ -153,9 +153,8 @@ def drape(
     factor: float = 1.0,
     steps: int = LOAD_STEPS,
     support: str = "held",
-    shape: bool = False,
 ) -> dict:
-    """Coefficients [%] and folds at rest of one case; with `shape` the positions, too, as a list.
+    """Coefficients [%] and folds at rest of one case.
 
     The model is "elastic", or "friction" for the cloth that is laid, and then shaken. The support
     is "held", which clamps what hangs at its edge, or "disks", with contact. `key` is the constant
@@ -169,7 +168,6 @@ def drape(
     for name, x in come_to_rest(system, lift(cloth.X, start), steps):
         prefix = "" if model == "elastic" else f"{name}_"
         row |= {f"{prefix}{k}": value for k, value in measure(cloth, x).items()}
-        row |= {f"{prefix}x": x.ravel().tolist()} if shape else {}
     return row | {"seconds": time.process_time() - begin}
 
 
