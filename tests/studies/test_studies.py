@@ -94,6 +94,7 @@ def test_quick(study, says, run_here):
         "evidence.work_precision.bending_fronts",
         "stability",
         "evidence.newton_catalogue",
+        "evidence.trust",
         "evidence.trust.random_setups",
         "evidence.contact.catalogue",
     ],

@@ -7,8 +7,6 @@ from studies.evidence.trust.__main__ import findings_of, verdict
 from studies.evidence.trust.cases import error_in_time, frame_times, judge
 from studies.evidence.trust.setups import FRAMES, METHODS, MOTIONS, SETUPS, Setup, build
 
-pytestmark = pytest.mark.stories
-
 
 def test_the_catalogue_covers_motions_methods_and_frames():
     assert len(set(SETUPS)) == len(SETUPS) >= 60

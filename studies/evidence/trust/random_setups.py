@@ -14,7 +14,6 @@ Thresholds were chosen on seeds 1 and 2, and none has seen seed 5.
 from __future__ import annotations
 
 import math
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -22,17 +21,15 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 import fecloth as fc
 from fecloth import study
-from fecloth.errors import FeclothError
 from fecloth.linalg.reductions import rms
 from fecloth.simulation.doubts.before_run import OF_SCENES, find_doubts
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.resolve import choose_steps
 from studies import harness
-from studies.evidence.trust.drawn import Drawn, Run, draw
+from studies.evidence.trust.cases import AGREE, FEWEST, frame_times, march_through
+from studies.evidence.trust.drawn import Drawn, draw
+from studies.evidence.trust.setups import Run
 
-FRAMES = 20  # times at which the error is taken, evenly spaced
-FEWEST = 100  # steps of the first refinement, at least
-AGREE = 0.02  # difference of two successive refinements of a set-up that counts
 GOOD, WRONG = 0.02, 0.1
 FALSE_ALARMS = 0.1  # of the good runs
 STATED = 0.9  # of the stated errors are within FACTOR of the true ones
@@ -66,34 +63,6 @@ def judge_drawn(seed: int, number: int, most: int) -> dict:
     wrinkled = [doubt for doubt in doubts if doubt.kind is fc.DoubtKind.WRINKLES]
     in_space = error_on_halved_mesh(drawn, run, x, times) if wrinkled else math.nan
     return row | {"in_space": in_space, "only_space": len(doubts) == len(wrinkled) > 0}
-
-
-def frame_times(run: Run) -> np.ndarray:
-    """Return the times of the frames: ends of steps of the run, so that no step is shortened."""
-    begin = run.state.t
-    steps = round((run.t_end - begin) / run.dt)
-    every = math.ceil(steps / FRAMES)
-    return begin + run.dt * np.arange(every, steps + 1, every)
-
-
-def march_through(run: Run, times: np.ndarray):
-    """Return the result, None for a failure, and the positions (frames, n, 3) at the times."""
-    found: list[np.ndarray] = []
-
-    def keep(info) -> None:
-        study.check_time_limit()
-        while len(found) < len(times) and info.t > times[len(found)] - 1e-6 * info.dt:
-            found.append(info.result.state.x)
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", fc.FeclothWarning)
-            result = fc.run(run.system, run.method, run.state, run.dt, run.t_end, report=keep)
-    except study.TimeLimit:
-        raise
-    except FeclothError:
-        return None, np.empty(0)
-    return result, np.array(found)
 
 
 def doubts_of_scene(run: Run) -> list[fc.Doubt]:
