@@ -12,13 +12,13 @@ from fecloth.errors import InputError
 from fecloth.mesh.grading import Grading
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
-from fecloth.simulation.quantity_values import difference_of, value_of
+from fecloth.simulation.quantity_values import difference_of, is_number, value_of
 from fecloth.study.convergence import Convergence
 from fecloth.study.graded_meshes import choose_gradings, find_lone_pins
 from fecloth.study.levels import check_levels
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import StudyProblem
-from fecloth.study.refinement import is_number, refine_problem
+from fecloth.study.refinement import refine_problem
 from fecloth.study.result import Table
 from fecloth.study.runs import Runs, end_of, record_at
 from fecloth.system.space_error import space_error

@@ -10,7 +10,7 @@ import numpy as np
 
 from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.quantity import Quantity
-from fecloth.simulation.quantity_values import RunRecord, difference_of
+from fecloth.simulation.quantity_values import RunRecord, difference_of, is_number
 from fecloth.study.convergence import Convergence, judge
 from fecloth.study.levels import REFINED, levels_to_run, other_shares
 from fecloth.study.problem import StudyProblem
@@ -198,13 +198,6 @@ def _distances(quantity: Quantity, records: Sequence[RunRecord]) -> list[float]:
     """
     changes = [difference_of(quantity, coarse, fine) for coarse, fine in pairwise(records)]
     return [sum(changes[k:]) for k in range(len(records))]
-
-
-def is_number(quantity: Quantity, record: RunRecord) -> bool:
-    """Whether the quantity is a number, not a field, a path or a vector."""
-    if quantity.is_field or quantity.how == "path":
-        return False
-    return quantity.how != "value" or record.column(quantity).shape[1] == 1
 
 
 def _sizes_of(row: Mapping, first: Mapping) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError, closest, did_you_mean
 from fecloth.integrators import EXPLICIT, METHODS, studied_by
 from fecloth.study.problem import StudyProblem, refuse_methods
+from fecloth.study.variants import known_names
 from fecloth.terms import TRAITS
 
 ALL_METHODS: dict[str, Any] = {**METHODS, **EXPLICIT, "auto": None}
@@ -211,37 +211,3 @@ def usual_methods(problem: StudyProblem, study: str) -> list[str]:
     own = problem.source.method
     names = [own] if own in ALL_METHODS else []
     return list(dict.fromkeys([*names, *studied_by(study), "auto"]))
-
-
-def known_names(
-    what: str, names: Sequence[str], known: Iterable[str], allowed: str = "", where: str = ""
-) -> list[str]:
-    """Return the names as the scene writes them, each once.
-
-    Capitals and underscores do not count, so that "BDF2" is "bdf2". Raises `InputError` for an
-    unknown name.
-
-    Parameters
-    ----------
-    what
-        What the names are of, for the error: "method", "element" or "model".
-    names
-        Names as the user wrote them.
-    known
-        Names as the scene writes them.
-    allowed, where
-        What the error says is allowed, and where the name stands.
-    """
-    names_of_scene: dict[str, None] = {}  # a dict keeps the order, and each name once
-    for name in names:
-        nearest = closest(name, known)
-        if not nearest or _plain(nearest) != _plain(name):
-            allowed = allowed or f"must be one of {', '.join(known)}"
-            raise InputError(f"{what} {name!r}", allowed, where, did_you_mean(name, known))
-        names_of_scene[nearest] = None
-    return list(names_of_scene)
-
-
-def _plain(name: str) -> str:
-    """Return a name without capitals and underscores."""
-    return str(name).lower().replace("_", "")
