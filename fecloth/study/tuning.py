@@ -194,7 +194,8 @@ class Reduced:
 
 def find_tuned(plan: Plan, goal: Goal, model: bool) -> Tuned:
     """Return the result of a plan."""
-    bench = Bench(Settings.of(plan.problem), plan.quantities, plan.runs, plan.seconds)
+    how = replace(plan.runs, jobs=1)  # each setting tells which one is next
+    bench = Bench(Settings.of(plan.problem), plan.quantities, how, plan.seconds)
     reduced = Reduced(plan.problem)
     if model:
         reduced = leave_out_terms(reduced, bench, plan.tolerance)
@@ -211,7 +212,7 @@ def find_tuned(plan: Plan, goal: Goal, model: bool) -> Tuned:
         search, why = search_within_budget(plan, bench, goal)
     else:
         inner = replace(plan, tolerance=plan.tolerance - other)
-        say("the limit, from coarse levels on")
+        say(f"2 stages, together at most {plan.seconds:.0f} CPU s; first the limit, by its levels")
         limit = find_limit(bench, inner.lines(), inner.tolerance)
         search, why = search_lines(inner, bench, limit, inner.lines())
     return make_tuned(plan, goal, reduced, search, why)

@@ -1,11 +1,16 @@
 """The table of runs: what a row has, and what is left of a run that failed or has no value."""
 
+import sys
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from support.scene_texts import STRIP
 
 import fecloth as fc
+from fecloth.errors import InputError
 from fecloth.study.problem import StudyProblem
+from fecloth.study.result import Table
 from fecloth.study.run_table import row_of_run, with_values
 from fecloth.study.runs import Run, Runs, run_quantities
 
@@ -33,3 +38,19 @@ def test_a_run_without_a_value_says_why(tmp_path):
     assert told["status"] == "no value"
     assert "period" in told["cause"]
     assert np.isfinite(told["values"]["tip.x"])
+
+
+def test_a_table_is_a_frame_of_pandas(monkeypatch):
+    """Of a package of this name: pandas itself need not be installed."""
+    table = Table(({"h": 0.1, "tip.x": 1.0}, {"h": 0.05, "error": 0.1}))
+    pandas = SimpleNamespace(DataFrame=lambda rows, columns: (rows, columns))
+    monkeypatch.setitem(sys.modules, "pandas", pandas)
+    rows, columns = table.to_pandas()
+    assert columns == ["h", "tip.x", "error"]
+    assert rows == [{"h": 0.1, "tip.x": 1.0}, {"h": 0.05, "error": 0.1}]
+
+
+def test_a_table_names_the_package_that_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(InputError, match=r"the package pandas: is not installed. .*to_csv"):
+        Table(({"h": 0.1},)).to_pandas()

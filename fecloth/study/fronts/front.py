@@ -65,7 +65,8 @@ def front(
     seconds
         Longest CPU time of all runs together [s].
     shared
-        Arguments of `fecloth.study.of`, as probes, jobs and cache.
+        Arguments of `fecloth.study.of`, as probes and cache. The settings run one after the
+        other, as each tells which is next: `jobs` has no effect.
 
     Returns
     -------
@@ -221,9 +222,9 @@ class Plan:
 def run_front(plan: Plan) -> Front:
     """Find the limit of a plan, run its settings, and return the front."""
     settings = Settings.of(plan.problem, plan.changes, finest=plan.finest)
-    bench = Bench(settings, plan.quantities, plan.runs, plan.seconds)
+    bench = Bench(settings, plan.quantities, replace(plan.runs, jobs=1), plan.seconds)
     lines = plan.lines()
-    say("the limit, from coarse levels on")
+    say(f"2 stages, together at most {plan.seconds:.0f} CPU s; first the limit, by its levels")
     limit = find_limit(bench, lines, plan.tolerance, plan.levels)
     if values := plan.values:  # the levels of the limit have other h and dt
         bench = bench.with_settings(replace(settings, values=values))
