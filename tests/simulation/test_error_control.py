@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -59,11 +58,11 @@ def rms(system, y):
 
 CASES = {name: method() for name, method in {**METHODS, **EXPLICIT}.items()}
 del CASES["forward_euler"]  # no stable step
-QUICK = ("bdf2",)
 SHIFT = {"symplectic_euler": 0.1, "central_difference": 1e-3}  # steps are shorter than the limit
 
 
-@pytest.mark.parametrize("name", stories_except(CASES, *QUICK))
+@pytest.mark.stories
+@pytest.mark.parametrize("name", CASES)
 def test_the_error_is_proportional_to_the_tolerance(swing, name, record_property):
     system, start, exact = swing
     method = CASES[name]
