@@ -221,6 +221,7 @@ def pulse(t):
     return (0.0, 0.0, 0.05 * np.sin(20 * (t - 0.3)) ** 2 if 0.3 < t < 0.3 + np.pi / 20 else 0.0)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.BDF2(), fc.ImplicitMidpoint(), fc.BackwardEuler()], ids=repr)
 def test_pin_motion_within_a_quiet_step_is_resolved(method):
     """The cloth is at rest until 0.3 s: its own motion gives no reason for short steps."""
@@ -241,6 +242,7 @@ def resolved_peak():
     return peak_of(quiet_sheet(motion=pulse), fc.CentralDifference())
 
 
+@pytest.mark.stories
 def test_load_that_starts_later_is_resolved():
     def load(x, v, t):
         return np.full_like(x, 0.2 if 0.3 < t < 0.4 else 0.0)
