@@ -156,6 +156,7 @@ def test_python_blocks_run(page, clone, capsys):
     assert not re.search(r"\bnan\b", capsys.readouterr().out)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("block", blocks("toml"))
 def test_toml_blocks_build(block, clone):
     """Scenes as they are, fragments in the place of what a minimal scene has there."""

@@ -66,6 +66,7 @@ def lists(text):
             yield ast.unparse(node)
 
 
+@pytest.mark.stories
 def test_terms_and_methods_say_what_they_are():
     texts = {str(path.relative_to(PACKAGE)): path.read_text() for path in sources()}
     found = [(name, said) for name, text in texts.items() for said in (*probes(text), *lists(text))]

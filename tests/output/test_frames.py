@@ -355,6 +355,7 @@ def test_killed_runs_leave_lists_that_open(killed):
         assert len(entries) >= (5 if folder.name == "killed" else 1)
 
 
+@pytest.mark.stories
 def test_killed_runs_leave_readable_rows(killed):
     for folder in killed:
         with (folder / "steps.csv").open(newline="") as stream:

@@ -286,6 +286,7 @@ def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
         assert summary[key] == expected[key]
 
 
+@pytest.mark.stories
 def test_resume_without_a_usable_restart_is_refused(scene, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scene.write_text(UNASKED)

@@ -262,6 +262,7 @@ def test_info_says_what_it_would_do(scene, capsys):
     assert "explicit" not in printed
 
 
+@pytest.mark.stories
 def test_the_example_expects_the_height_of_the_exact_membrane():
     scene = load_scene(SCENES / "inflated_disk.toml")
     height, _ = shooting(500.0)

@@ -143,6 +143,7 @@ def test_initial_velocity_of_pinned_nodes_is_removed(method, isotropic):
     assert abs(result.energies["remainder"][-1]) < 1e-3 * lost
 
 
+@pytest.mark.stories
 def test_a_probe_between_nodes_is_on_the_quadratic_surface(quadratic, isotropic):
     cloth, terms = quadratic, [fc.StVK(), fc.Gravity()]
     system = fc.System(cloth, isotropic, terms, pins=["left"])

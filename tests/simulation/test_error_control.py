@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -59,11 +58,11 @@ def rms(system, y):
 
 CASES = {name: method() for name, method in {**METHODS, **EXPLICIT}.items()}
 del CASES["forward_euler"]  # no stable step
-QUICK = ("bdf2",)
 SHIFT = {"symplectic_euler": 0.1, "central_difference": 1e-3}  # steps are shorter than the limit
 
 
-@pytest.mark.parametrize("name", stories_except(CASES, *QUICK))
+@pytest.mark.stories
+@pytest.mark.parametrize("name", CASES)
 def test_the_error_is_proportional_to_the_tolerance(swing, name, record_property):
     system, start, exact = swing
     method = CASES[name]
@@ -222,6 +221,7 @@ def pulse(t):
     return (0.0, 0.0, 0.05 * np.sin(20 * (t - 0.3)) ** 2 if 0.3 < t < 0.3 + np.pi / 20 else 0.0)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.BDF2(), fc.ImplicitMidpoint(), fc.BackwardEuler()], ids=repr)
 def test_pin_motion_within_a_quiet_step_is_resolved(method):
     """The cloth is at rest until 0.3 s: its own motion gives no reason for short steps."""
@@ -242,6 +242,7 @@ def resolved_peak():
     return peak_of(quiet_sheet(motion=pulse), fc.CentralDifference())
 
 
+@pytest.mark.stories
 def test_load_that_starts_later_is_resolved():
     def load(x, v, t):
         return np.full_like(x, 0.2 if 0.3 < t < 0.4 else 0.0)

@@ -169,6 +169,7 @@ def test_the_stated_error_is_the_mean_of_sum_and_field_or_the_sum_where_the_fiel
     assert error.relative_error(system, fc.BDF2().traits, 1.0) == pytest.approx(stated / 2)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.BDF2(), fc.ImplicitMidpoint()], ids=str)
 def test_a_wind_that_drives_a_sheet_forgets_no_error(method):
     """What the air takes and supplies is most of the energy; only the difference damps."""
@@ -181,6 +182,7 @@ def test_a_wind_that_drives_a_sheet_forgets_no_error(method):
     assert 1 / 3 < stated / error < 3
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", [fc.GeneralizedAlpha(), fc.Newmark()], ids=str)
 def test_a_pin_that_is_shaken(method):
     cloth = fc.Cloth.rectangle(0.4, 0.4, h=0.2, pattern="right")

@@ -64,6 +64,7 @@ def errors_of(carried, method, dt):
     return abs(np.array(columns) - exact(run.times)).max(axis=1)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("method", SECOND, ids=lambda m: type(m).__name__)
 def test_the_columns_are_of_second_order_where_pins_are_moved(method, carried, record_property):
     shorter = {"CentralDifference": (2e-4, 1e-4), "BDF2": (1e-3, 5e-4)}

@@ -43,6 +43,7 @@ def same(one, other):
     return states and all(np.array_equal(ledgers[0][k], ledgers[1][k]) for k in ledgers[0])
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_explicit_runs_have_the_same_bits(cloth, name):
     results = []

@@ -311,6 +311,7 @@ def test_forward_euler_without_damping_has_no_stable_step(small, isotropic):
     assert element_bound(damped, fc.ForwardEuler) == pytest.approx(2 / 50)
 
 
+@pytest.mark.stories
 def test_forward_euler_really_breaks_there(small, isotropic, rng):
     """Noise of 1e-9 m on a sheet whose every mode is damped: dies 5 % below, explodes 5 % above."""
     system = fc.System(small, isotropic, [fc.StVK(), fc.MassDamping(400.0)], pins=["boundary"])

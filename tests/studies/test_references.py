@@ -123,6 +123,7 @@ def test_trampoline_keeps_its_energy(times, courant, bound):
     assert _relative(run.kinetic_energy + run.elastic_energy, work) < bound
 
 
+@pytest.mark.stories
 def test_trampoline_centre_falls_freely_until_the_front_arrives(meshes, times):
     run = meshes[400]
     fall = 0.5 * GRAVITY * times**2

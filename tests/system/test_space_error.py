@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.messages import message_test
 from support.plates import square
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.system.space_error import folds_at_mesh_size, roughness
@@ -27,7 +28,12 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case",
+    stories_except(
+        CASES, "taut_sheet cross P1", "hanging_strip right P2", "cantilever jittered P2"
+    ),
+)
 def test_estimate_is_near_the_true_error_and_falls_with_it(case):
     """The whole table is in studies/convergence/space_error.md."""
     (problem, pattern, element), relative = case.split(), []

@@ -163,6 +163,7 @@ def files_of_at_most(size):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
+@pytest.mark.stories
 @pytest.mark.parametrize("name", ["run.mp4", "run.gif", "run.png"])
 def test_full_disk_is_reported_and_leaves_the_old_file(name, run, tmp_path, capsys):
     if name == "run.mp4":

@@ -78,6 +78,7 @@ def test_a_law_serves_every_method(own, cloth, isotropic, name):
     assert result.energies["Fung"][-1] < 0.8 * moved
 
 
+@pytest.mark.stories
 def test_energy_momentum_keeps_its_energy(own, cloth, isotropic):
     """A free sheet that is let go and turns; the midpoint rule changes it by far more."""
     system = fc.System(cloth, isotropic, [own.Fung(0.3)])

@@ -113,6 +113,7 @@ def test_a_gas_inflates_the_membrane_to_the_exact_equilibrium():
     assert run.newton < 15  # quadratic: without the dense part it takes far longer, or fails
 
 
+@pytest.mark.stories
 def test_newton_without_the_dense_part_needs_more_iterations(monkeypatch):
     _, V = shooting(500.0)
     gas = fc.Gas(2 * (500.0 + 800.0), V / 2, ambient=800.0)

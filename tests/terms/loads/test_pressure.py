@@ -189,6 +189,7 @@ def inflated(p, elements, kind="symmetric"):
     return centre, enclosed(cloth, x), result.newton
 
 
+@pytest.mark.stories
 def test_reference_agrees_with_hencky_at_small_slopes():
     """Two independent solutions differ by the square of the slope, that is by p^(2/3)."""
     gaps = []
@@ -207,6 +208,7 @@ def test_membrane_at_small_slopes_agrees_with_hencky():
     assert enclosed_ == pytest.approx(volume, rel=3e-3)
 
 
+@pytest.mark.stories
 def test_membrane_at_large_deflection_agrees_with_the_exact_equations():
     height, volume = shooting(500.0)
     assert height / RADIUS > 0.4
@@ -228,6 +230,7 @@ def test_both_tangents_converge_to_the_same_membrane_equally_fast():
     assert one[2] == other[2]
 
 
+@pytest.mark.stories
 def test_the_scene_expects_the_exact_height():
 
     scene = load_scene(Path(__file__).parents[3] / "studies" / "scenes" / "dome.toml")
