@@ -31,7 +31,7 @@ from fecloth.study.fronts.limit import Limit, find_limit
 from fecloth.study.fronts.search import Search
 from fecloth.study.fronts.settings import Line, Setting, Settings
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.problem import StudyProblem
+from fecloth.study.problem import StudyProblem, refuse_methods
 from fecloth.study.result import Table, in_percent, read_tolerance
 from fecloth.study.runs import Run, Runs, print_doubts, record_at, refuse_huge, run_quantities
 from fecloth.study.status import OK
@@ -124,6 +124,7 @@ def tune(
             raise InputError("to_data and tolerance are given", "give one of them", "tune")
         tolerance = tolerance_of_data(study, quantity)
         say(f"tolerance by the data: {100 * tolerance:.2g} %")
+    refuse_methods(opened, methods, "tune")
     goal = read_goal(tolerance, budget)
     validation.number("seconds", seconds, 0.0, "tune")
     quantities = opened.choose_quantities(quantity)
@@ -450,12 +451,11 @@ def describe_answer(
     allowed = f"{goal.budget:g} s" if goal.has_budget else in_percent(goal.tolerance)
     if proved:
         return f"proved: {setting} (allowed: {allowed})"
-    if not why and not search.limit.is_known:
-        why = "the changes from level to level do not shrink as the order says"
     if not why and goal.has_budget:
         why = f"no setting takes less than {allowed}"
-    if obstacles := "; ".join(search.limit.finest["obstacles"]):
-        why = f"{why or 'no setting has a small enough error'}: {obstacles}"
+    obstacles = "; ".join(search.limit.finest["obstacles"])
+    if obstacles and not search.limit.is_known:
+        why = f"{why}: {obstacles}"
     why = why or f"no setting has an error below {allowed}"
     return f"not proved: {why}. What can be had: {setting}"
 

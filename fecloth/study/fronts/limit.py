@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fecloth.errors import amount
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import (
@@ -93,6 +94,15 @@ class Limit:
     def is_within(self, wanted: float, levels: int) -> bool:
         """Whether the uncertainty is at most the wanted one, and there are enough levels."""
         return float(self.uncertainty.max()) <= wanted and len(self.rows) >= levels
+
+    @property
+    def why_unknown(self) -> str:
+        """Why a quantity has no uncertainty."""
+        count = len(self.rows)
+        if count < LEAST_LEVELS:
+            levels = amount(count, "level")
+            return f"{levels} reached the end of the run in time; a limit needs {LEAST_LEVELS}"
+        return "the changes from level to level do not shrink as the order says"
 
     def error(self, row: dict) -> np.ndarray:
         """Return the (q,) relative distances of a run to the limit.
@@ -193,9 +203,7 @@ def find_limit(
             check_sizes(bench.quantities, limits[0].finest, where)
             checked = True
         best = min(limits, key=lambda limit: limit.uncertainty.max(), default=None)
-        is_known = (
-            best is not None and best.uncertainty.max() <= wanted and len(best.rows) >= levels
-        )
+        is_known = best is not None and best.is_within(wanted, levels)
         if is_known or not open_ladders or bench.spent > PART_OF_TIME * bench.seconds:
             break
         ladder = min(open_ladders, key=lambda ladder: ladder.seconds_to(wanted))
