@@ -212,9 +212,9 @@ def test_models_that_are_all_refused_are_named(scene):
         fc.study.chart(scene, "middle.z", ["bdf2"], ["P1"], ["TensorCondition"])
 
 
-def test_a_huge_scene_is_refused_before_it_is_meshed(scene, monkeypatch):
-    scene.write_text(SCENE.replace("h = 0.25,", "h = 0.0005,"))
-    monkeypatch.setattr("fecloth.study.charts.run_front", lambda *_: pytest.fail("meshed"))
+def test_a_scene_that_takes_far_too_long_is_refused_before_it_runs(scene, monkeypatch):
+    scene.write_text(SCENE.replace("dt = 0.01", "dt = 1e-8"))
+    monkeypatch.setattr("fecloth.study.charts.run_front", lambda *_: pytest.fail("runs"))
     with pytest.raises(InputError, match="above 3,600 s"):
         fc.study.chart(scene, "middle.z")
 

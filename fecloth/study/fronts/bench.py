@@ -64,7 +64,7 @@ class Bench:
     @property
     def _in_runs(self) -> float:
         """CPU time of all runs [s]."""
-        seconds = sum(float(row.get("case_seconds", 0.0)) for row in self.rows.values())
+        seconds = sum(float(row.get("cpu_seconds", 0.0)) for row in self.rows.values())
         return self.before + seconds
 
     @property
