@@ -91,7 +91,9 @@ def test_search_leaves_no_setting_out_for_what_its_line_promises():
     every = exhaustive({"slow": 4.0})
     for setting in cheap:
         every.bench.run(setting, 0.0)
-    assert {s for s in cheap if every.bench.took(s) < least / 1.6} <= made.bench.rows.keys()
+    expected = {s for s in cheap if every.bench.took(s) < least / 4}
+    assert len(expected) > 10
+    assert expected <= made.bench.rows.keys()
 
 
 def test_search_stops_at_the_longest_time():

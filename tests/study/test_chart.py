@@ -161,7 +161,7 @@ def test_labels_are_spread():
 def test_errors_of_a_string_with_a_known_solution(scene, tmp_path):
     models = ["StVK", "TensorCondition"]
     methods = ["implicit_midpoint", "auto"]
-    found = fc.study.chart(scene, "middle.z", methods, ["P1"], models, cache=tmp_path, seconds=20.0)
+    found = fc.study.chart(scene, "middle.z", methods, ["P1"], models, cache=tmp_path)
     truth = exact_middle(0.1)
     assert abs(found.limit.limit - truth) <= found.limit.uncertainty
     own = [row for row in found.table if row["method"] == "implicit_midpoint"]
@@ -234,7 +234,7 @@ def test_a_function_with_steps_that_are_too_long():
     run = {"h": 0.25, "dt": 0.01, "t_end": 0.1, "probes": [fc.Probe("m", point=(0.5, 0.1))]}
     methods = ["BDF2", "CentralDifference"]
     arguments = {"method": "bdf2"} | run
-    found = fc.study.chart(string, "m.z", methods, meshes=1, seconds=20.0, **arguments)
+    found = fc.study.chart(string, "m.z", methods, meshes=1, **arguments)
     assert abs(found.limit.limit - exact_middle(0.1)) <= found.limit.uncertainty
     explicit = [row for row in found.table if row["method"] == "central_difference"]
     statuses = {row["status"] for row in explicit}
@@ -248,7 +248,7 @@ def test_a_function_with_steps_that_are_too_long():
 def test_the_command(scene, tmp_path, capsys):
     folder = tmp_path / "out"
     words = ["--quantity", "middle.z", "--methods", "bdf2", "--elements", "P1", "-o", str(folder)]
-    assert cli.main(["chart", str(scene), *words, "--meshes", "1", "--seconds", "20"]) == 0
+    assert cli.main(["chart", str(scene), *words, "--meshes", "1"]) == 0
     rows = rows_of(folder / "results.csv")
     assert {row["method"] for row in rows} == {"bdf2"}
     assert (folder / "figure.png").exists()

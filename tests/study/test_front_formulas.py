@@ -47,6 +47,9 @@ class PlainBench:
     has_h: bool = True
     has_dt: bool = True
 
+    def with_sharper_solver(self):
+        return self
+
     @property
     def settings(self):
         where = SimpleNamespace(where="plain")
@@ -338,6 +341,22 @@ def test_a_run_that_was_stopped_early_may_run_again(small_bench, measured):
     assert small_bench.late() == [setting]
 
 
+def test_levels_run_with_a_hundredth_of_the_tolerance_of_the_solver(small_bench, measured):
+    """Their seconds count as the seconds of all other runs, and their rows are others."""
+    measured[0].append(row_of(seconds=30.0))
+    sharper = small_bench.with_sharper_solver()
+    setting = Setting(Line())
+    problem = sharper.run(setting)["problem"]
+    own = small_bench.settings.problem_of(setting).first.newton or fc.Newton()
+    assert problem.first.newton.tolerance == pytest.approx(own.residual / 100)
+    assert not small_bench.is_ok(setting)
+    assert 30.0 <= small_bench.spent < 31.0
+    assert sharper.with_sharper_solver() is sharper
+    static = SimpleNamespace(problem=SimpleNamespace(is_static=True), sharper=None)
+    bench_of_equilibrium = replace(small_bench, settings=static)
+    assert bench_of_equilibrium.with_sharper_solver() is bench_of_equilibrium
+
+
 @pytest.mark.parametrize(
     ("size", "ends", "is_zero"),
     [
@@ -509,28 +528,6 @@ def test_gaps_are_divided_by_what_halving_them_shows(halved, divisor, monkeypatc
     reduced = narrow_gaps(Reduced(source), SimpleNamespace(settings=None), 0.01)
     assert reduced.problem == pytest.approx(divisor)
     assert reduced.errors["gap"] == pytest.approx(2 * halved / divisor)
-
-
-@pytest.mark.parametrize(
-    ("is_static", "is_explicit", "change", "error"),
-    [
-        (False, False, 0.25, 0.25),
-        (False, False, math.inf, 0.0),
-        (True, False, 0.25, 0.0),
-        (False, True, 0.25, 0.0),
-    ],
-)
-def test_the_error_of_the_solver_is_what_a_hundred_times_sharper_one_changes(
-    is_static, is_explicit, change, error, monkeypatch
-):
-    first = SimpleNamespace(is_static=is_static, is_explicit=is_explicit)
-    asked = []
-    first.finer = lambda sharper: asked.append(sharper)
-    monkeypatch.setattr(tuning, "run_problem", lambda bench, problem: {})
-    monkeypatch.setattr(tuning, "distance", lambda bench, a, b: change)
-    ladder = SimpleNamespace(rows=[{"problem": first}])
-    assert tuning.solver_error(None, ladder) == error
-    assert asked == ([100.0] if not (is_static or is_explicit) else [])
 
 
 def leave_out(monkeypatch, changes, seconds):

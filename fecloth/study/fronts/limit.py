@@ -177,7 +177,8 @@ def find_limit(
     Each level halves h and dt. The ladder that should reach the wanted uncertainty in the least
     time goes on, by what its levels took and by how they changed: so a line whose changes do not
     shrink gives way to another. The limit is the one of the ladder with the least uncertainty.
-    It has at least `levels` levels, as far as the time allows.
+    It has at least `levels` levels, as far as the time allows. The levels run with a sharper
+    solver, so that the limit has no error of the solver, and distances to it have.
 
     Raises
     ------
@@ -187,6 +188,7 @@ def find_limit(
         If a quantity is zero.
     """
     wanted = PART_OF_TOLERANCE * tolerance
+    bench = bench.with_sharper_solver()
     ladders = [Ladder(bench, line) for line in lines if is_second_order(line)]
     ladders = ladders or [Ladder(bench, line) for line in lines]
     most = math.inf
