@@ -374,7 +374,7 @@ def make_tuned(plan: Plan, goal: Goal, reduced: Reduced, search: Search, why: st
     }
     error = sum(parts.values())
     again = bench.run_again(setting)
-    seconds = float(again.get("cpu_seconds", row["cpu_seconds"]))
+    seconds = float((row | again)["cpu_seconds"])  # measured again, if it has not failed
     meets = error <= goal.tolerance or goal.has_budget
     in_time = seconds <= goal.budget or row["cpu_seconds"] <= goal.budget
     proved = bool(meets and in_time and again["status"] == OK and math.isfinite(error))
