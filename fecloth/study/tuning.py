@@ -27,11 +27,11 @@ from fecloth.study.fronts.front import (
     say,
     search_lines,
 )
-from fecloth.study.fronts.limit import Limit, find_limit
+from fecloth.study.fronts.limit import find_limit
 from fecloth.study.fronts.search import Search
 from fecloth.study.fronts.settings import Line, Setting, Settings
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.problem import StudyProblem
+from fecloth.study.problem import StudyProblem, refuse_methods
 from fecloth.study.result import Table, in_percent, read_tolerance
 from fecloth.study.runs import Run, Runs, print_doubts, record_at, refuse_huge, run_quantities
 from fecloth.study.status import OK
@@ -41,7 +41,6 @@ from fecloth.study.tuning_result import Tuned
 # Of the tolerance: what is left to the gaps of contact, and to changed terms.
 PART_OF_CAUSE = 0.25
 NARROWEST_GAP = 32.0  # gaps are divided by so much at most; the error that is left is stated
-SHARPER_SOLVER = 100.0  # divides the solver's tolerance in the run that shows its error
 NO_H = (
     "the mesh has no h, so it is not refined, and its error in space is not known; "
     "a .geo file with h in [cloth] can be refined"
@@ -124,6 +123,7 @@ def tune(
             raise InputError("to_data and tolerance are given", "give one of them", "tune")
         tolerance = tolerance_of_data(study, quantity)
         say(f"tolerance by the data: {100 * tolerance:.2g} %")
+    refuse_methods(opened, methods, "tune")
     goal = read_goal(tolerance, budget)
     validation.number("seconds", seconds, 0.0, "tune")
     quantities = opened.choose_quantities(quantity)
@@ -364,21 +364,18 @@ def make_tuned(plan: Plan, goal: Goal, reduced: Reduced, search: Search, why: st
     before its end, or is "".
     """
     bench = search.bench
-    other = dict(reduced.errors)
-    if solver := solver_error(bench, search.limit):
-        other["solver"] = solver
     setting = choose_setting(search, goal)
-    row = bench.rows[setting]
+    row = bench.rows.get(setting, search.limit.finest)
     errors = search.limit.error(row)
     k = int(np.argmax(errors + search.limit.uncertainty))
     parts = {
-        "mesh and step": float(errors[k]),
+        "mesh, step and solver": float(errors[k]),
         "limit": float(search.limit.uncertainty[k]),
-        **other,
+        **reduced.errors,
     }
     error = sum(parts.values())
     again = bench.run_again(setting)
-    seconds = float(again.get("cpu_seconds", bench.took(setting)))
+    seconds = float((row | again)["cpu_seconds"])  # measured again, if it has not failed
     meets = error <= goal.tolerance or goal.has_budget
     in_time = seconds <= goal.budget or row["cpu_seconds"] <= goal.budget
     proved = bool(meets and in_time and again["status"] == OK and math.isfinite(error))
@@ -423,16 +420,6 @@ def choose_setting(search: Search, goal: Goal) -> Setting:
     return search.limit.settings[-1]
 
 
-def solver_error(bench: Bench, limit: Limit) -> float:
-    """Return the relative change by a sharper solver on the first level of the limit."""
-    first = limit.rows[0]
-    if first["problem"].is_static or first["problem"].is_explicit:
-        return 0.0
-    sharper = run_problem(bench, first["problem"].finer(sharper=SHARPER_SOLVER))
-    change = distance(bench, sharper, first)
-    return change if math.isfinite(change) else 0.0
-
-
 def describe_answer(
     search: Search,
     goal: Goal,
@@ -451,12 +438,11 @@ def describe_answer(
     allowed = f"{goal.budget:g} s" if goal.has_budget else in_percent(goal.tolerance)
     if proved:
         return f"proved: {setting} (allowed: {allowed})"
-    if not why and not search.limit.is_known:
-        why = "the changes from level to level do not shrink as the order says"
     if not why and goal.has_budget:
         why = f"no setting takes less than {allowed}"
-    if obstacles := "; ".join(search.limit.finest["obstacles"]):
-        why = f"{why or 'no setting has a small enough error'}: {obstacles}"
+    obstacles = "; ".join(search.limit.finest["obstacles"])
+    if obstacles and not search.limit.is_known:
+        why = f"{why}: {obstacles}"
     why = why or f"no setting has an error below {allowed}"
     return f"not proved: {why}. What can be had: {setting}"
 

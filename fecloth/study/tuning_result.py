@@ -41,8 +41,8 @@ class Tuned(StudyResult):
     quantities
         Texts of the quantities.
     parts
-        The error by its cause, as far as it exists: "mesh and step" is the distance to the limit,
-        "limit" the uncertainty of the limit, "solver", "model" (changed terms) and "gap".
+        The error by its cause, as far as it exists: "mesh, step and solver" is the distance to
+        the limit, "limit" the uncertainty of the limit, "model" (changed terms) and "gap".
     settings
         The tuned setting in words: element, pattern, h [m], method, dt [s] or rtol [1/s].
     text

@@ -28,10 +28,10 @@ from pathlib import Path
 import fecloth as fc
 from fecloth import study
 from fecloth.output.atomic_files import replace_file
-from fecloth.scene.scene import Scene, scene_of
-from fecloth.study.problems import SceneProblem
+from fecloth.scene.scene import scene_of
+from fecloth.study.problem import StudyProblem
 from fecloth.study.result import markdown_table, write_csv
-from fecloth.study.run_problems import Runs
+from fecloth.study.runs import Runs
 from fecloth.study.status import OK
 from studies import harness
 from studies.tune import contact, grid, references, unseen
@@ -58,7 +58,7 @@ def judge(name: str, kind: str, seed: int | None, out: str, fresh: bool) -> dict
     row: dict = {
         "quantities": ", ".join(q.text for q in references.quantities_of(tried)),
         "tolerance %": 100 * tried.tolerance,
-        "setting": describe(scene_of(tomllib.loads(tuned.text))),
+        "setting": describe(tuned.settings),
         "tune's error %": 100 * tuned.error,
         "proved": tuned.proved,
         "search s": tuned.search_seconds,
@@ -82,52 +82,48 @@ def compare(tried: Tried, tuned, runs: Runs, kind: str) -> dict:
     The grid has the gaps of the scene, and does not count with contact.
     """
     if kind == "twelve":
-        reference, nodes = references.read(tried), grid.read_best(tried)
+        reference, choices = references.read(tried), grid.read_best(tried)
     else:
         reference = references.reference_of(tried, references.make(tried, runs))
-        nodes = []
+        choices = []
     uncertainty = max(reference.uncertainties.values())
     again = Runs(runs.cache, most_seconds=None, timed=True, fresh=True)
-    problem = SceneProblem(scene_of(tomllib.loads(tuned.text)), tried.name)
-    own_run = grid.run_setting(
-        tried, reference, problem, grid.Node(grid.Combination("", "tuned")), again
-    )
-    row = {"uncertainty %": 100 * uncertainty, "tuned s": own_run.seconds}
+    problem = StudyProblem.of(scene_of(tomllib.loads(tuned.text)))
+    seconds, error = grid.run_problem(problem, reference, again)
+    row = {"uncertainty %": 100 * uncertainty, "tuned s": seconds}
     if uncertainty > UNSETTLED * tried.tolerance:
         return row | {"best": "not settled"}
-    row["true error %"] = 100 * own_run.error
+    row["true error %"] = 100 * error
     if kind == "contact":
         return row
     if kind == "unseen":
-        nodes = grid.best_of(tried, grid.search(tried, reference, runs, LONGEST))
-    best = grid.measure_best(tried, reference, again, nodes)
-    if best is None or best.problem is None:
+        choices = grid.best_of(grid.search(tried, reference, runs, LONGEST))
+    best = grid.measure_best(tried, reference, again, choices)
+    if best is None:
         return row | {"best": "none"}
-    ratio = own_run.seconds / best.seconds
-    return (
-        row
-        | {"best s": best.seconds, "best": describe(best.problem.scene)}
-        | ({"cost ratio": ratio} if tuned.proved or kind == "twelve" else {})
-    )
+    best_seconds, choice = best
+    row |= {"best s": best_seconds, "best": describe(choice)}
+    if tuned.proved or kind == "twelve":
+        row["cost ratio"] = seconds / best_seconds
+    return row
 
 
-def describe(scene: Scene) -> str:
-    """Return the setting of a scene in a few words.
+def describe(choice: Mapping) -> str:
+    """Return a setting in a few words.
 
     Examples
     --------
-    >>> describe(TWELVE[0].scene())
-    'P1 unstructured, h = 0.02 m'
+    >>> describe({"element": "P1", "pattern": "cross", "h": 0.1, "method": "bdf2", "dt": 0.01})
+    'P1 cross, h = 0.1 m, bdf2, dt = 0.01 s'
     """
-    cloth = scene.cloth
-    words = " ".join(w for w in (cloth.element, getattr(cloth, "pattern", "")) if w)
-    parts = [words, f"h = {cloth.h:.3g} m" if cloth.h else "a mesh of one size"]
-    if getattr(cloth, "grading", None):
-        parts.append("graded")
-    if not scene.equilibrium:
-        steps = scene.time
-        size = f"dt = {steps.dt:.3g} s" if steps.dt != "auto" else "stable steps"
-        parts += [steps.method.type, f"rtol = {steps.rtol:.3g}/s" if steps.rtol else size]
+    words = " ".join(choice[name] for name in ("element", "pattern") if name in choice)
+    parts = [words, f"h = {choice['h']:.3g} m" if "h" in choice else "a mesh of one size"]
+    if "method" in choice:
+        parts.append(choice["method"])
+    if "rtol" in choice:
+        parts.append(f"rtol = {choice['rtol']:.3g}/s")
+    elif "dt" in choice:
+        parts.append(f"dt = {choice['dt']:.3g} s")
     return ", ".join(parts)
 
 

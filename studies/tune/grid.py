@@ -4,237 +4,119 @@
 
 makes all twelve, in some 20 CPU minutes, and writes the best few of each into grid.json.
 
-Element, method, h and dt vary; h in steps of √2 and dt in steps of 2, or rtol in steps of 4 where
-a method chooses its own steps. Each combination of element and method is a lattice of (h, dt) that
-begins so coarse that it costs nothing. The search always runs the cheapest of the settings that are
-left, and ends where all of these cost more than the cheapest one that meets the tolerance. On a
-rectangle the best combinations run on the other patterns, too.
-
-Runs above `--longest` are not tried: with the seconds of a tuned run, all cheaper settings are.
-Two rules save runs and change no result. Where half of dt changed the error by less than a
-twentieth, and it is above twice the tolerance, shorter steps cannot help; the same for h.
+It is the search of `fecloth.study.front` with two differences: errors are distances to the stored
+reference, not to a limit that the search found, and no setting is left out because its line
+promises too little. The cheapest of the settings that are left is run next, until all of them
+should cost more than the cheapest one that meets the tolerance, or more than `--longest`.
 """
 
 from __future__ import annotations
 
-import contextlib
-import heapq
 import json
-import math
-import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
-from itertools import count, product
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
-from fecloth.study.change import Level
-from fecloth.study.problems import SceneProblem
-from fecloth.study.run_problems import Point, Runs, run_points
-from fecloth.study.status import LATE, OK, REFUSED
-from fecloth.study.workload import Workload
+from fecloth.study.fronts.bench import Bench
+from fecloth.study.fronts.front import USUAL_AXES, Plan
+from fecloth.study.fronts.search import Search
+from fecloth.study.fronts.settings import Setting, Settings
+from fecloth.study.problem import StudyProblem
+from fecloth.study.runs import Row, Run, Runs, run_quantities
 from studies import harness
 from studies.tune.references import Reference, fingerprint, quantities_of, read
 from studies.tune.scenes import TWELVE, Tried
 
 FILE = Path(__file__).with_name("grid.json")
-
-METHODS = (
-    "backward_euler",
-    "bdf2",
-    "implicit_midpoint",
-    "generalized_alpha",
-    "central_difference",
-    "auto",
-)
-ELEMENTS = ("P1", "P2")
-PATTERNS = ("right", "cross", "equilateral", "unstructured")
-FIRST_STEPS = 4  # of the coarsest dt over the run
-FIRST_RTOL = 0.1  # 1/s
-FIRST_RUN = 0.01  # s, as the cost of the coarsest of all
-GROWTH = 1.6  # of the cost from one level to the next, less than the usual 2
-UNCHANGED = 0.05  # of an error
-BEST = 3  # combinations that also run on the other patterns
-LONGEST = 30.0  # s
+BEST = 3  # lines that also run with the other patterns
+LONGEST = 30.0  # CPU seconds of a run
+MOST = 1e6  # CPU seconds of a search: no limit
 KEPT = 4  # the cheapest that meet the tolerance: their seconds are measured again, with care
-
-
-@dataclass(frozen=True)
-class Combination:
-    """What a lattice of h and dt has in common."""
-
-    element: str
-    method: str
-    pattern: str = ""
-
-    @property
-    def words(self) -> str:
-        return " ".join(word for word in (self.element, self.method, self.pattern) if word)
-
-
-@dataclass(frozen=True)
-class Node:
-    """A setting: h and dt of the combination, i and j levels finer."""
-
-    combination: Combination
-    i: int = 0
-    j: int = 0
+Choice = Mapping[str, Any]  # for `StudyProblem.choose`
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """What a setting cost and reached: the error is the largest over its tolerance's quantities."""
+class KnownLimit:
+    """The reference in place of the limit of a search."""
 
-    node: Node
-    problem: SceneProblem | None
-    status: str
-    seconds: float
-    error: float
+    reference: Reference
 
+    @property
+    def uncertainty(self) -> np.ndarray:
+        """(q,) zeros: what meets the tolerance may depend on it, but which is cheapest hardly."""
+        return np.zeros(len(self.reference.values))
 
-def search(tried: Tried, reference: Reference, runs: Runs, longest: float = LONGEST) -> list[Found]:
-    """Return all settings that ran; none is expected to take more than `longest` [s]."""
-    first = tried.scene()
-    own = getattr(first.cloth, "pattern", "")
-    methods = ("equilibrium",) if first.equilibrium else METHODS
-    combinations = [Combination(e, m, own) for e, m in product(ELEMENTS, methods)]
-    measure = _measure(tried, reference, replace(runs, time_limit=LONGEST))
-    done = list(_in_order_of_cost(tried, combinations, measure, longest))
-    if own:
-        ranked = sorted(_good(tried, done), key=lambda one: one.seconds)
-        best = list(dict.fromkeys(one.node.combination for one in ranked))[:BEST]
-        others = [replace(c, pattern=p) for c, p in product(best, PATTERNS) if p != own]
-        limit = min([longest, *(one.seconds for one in ranked[:1])])
-        done += _in_order_of_cost(tried, others, measure, limit)
-    return done
+    def error(self, row: Row) -> np.ndarray:
+        """Return the (q,) relative distances of a run to the reference."""
+        return np.array(list(self.reference.errors(row).values()))
 
 
-def _good(tried: Tried, done: list[Found]) -> list[Found]:
-    return [one for one in done if one.error <= tried.tolerance]
+class ExhaustiveSearch(Search):
+    """A search by the expected time of each setting alone, not by what its line promises."""
+
+    def _push(self, promise: float, seconds: float, setting: Setting) -> None:
+        super()._push(seconds, seconds, setting)
 
 
-def best_of(tried: Tried, done: list[Found]) -> list[Node]:
+def search(tried: Tried, reference: Reference, runs: Runs, longest: float = LONGEST) -> Search:
+    """Return the search after all settings ran that should take at most `longest` [s]."""
+    problem = StudyProblem.of(tried.scene())
+    quantities = tuple(quantities_of(tried))
+    runs = replace(runs, time_limit=LONGEST)
+    plan = Plan(problem, quantities, dict.fromkeys(USUAL_AXES), tried.tolerance, MOST, runs)
+    bench = Bench(Settings.of(problem), quantities, runs, MOST)
+    limit: Any = KnownLimit(reference)
+    made = ExhaustiveSearch(bench, limit, tried.tolerance, longest)
+    made.add_lines(plan.lines())
+    made.run()
+    best_lines = list(dict.fromkeys(setting.line for setting in meeting(made)))[:BEST]
+    made.add_lines(plan.other_patterns(best_lines))
+    made.run()
+    return made
+
+
+def meeting(made: Search) -> list[Setting]:
+    """Return the settings that meet the tolerance, the cheapest first."""
+    return sorted(filter(made.meets, made.bench.rows), key=made.bench.took)
+
+
+def best_of(made: Search) -> list[Choice]:
     """Return the cheapest few settings that meet the tolerance."""
-    return [one.node for one in sorted(_good(tried, done), key=lambda one: one.seconds)[:KEPT]]
+    return [made.bench.settings.choice(setting) for setting in meeting(made)[:KEPT]]
 
 
-def _in_order_of_cost(
-    tried: Tried,
-    combinations: list[Combination],
-    measure: Callable[[Node], Found],
-    most_seconds: float,
-) -> Iterator[Found]:
-    """Run settings from the cheapest on, until one that meets the tolerance is cheaper than all."""
-    number = count()  # ties in the order in which they came
-    queue = [(FIRST_RUN, next(number), Node(one)) for one in combinations]
-    done: dict[Node, Found] = {}
-    limit = most_seconds
-    while queue:
-        cost, _, node = heapq.heappop(queue)
-        if node in done or cost > limit:
-            continue
-        found = done[node] = measure(node)
-        yield found
-        if found.error <= tried.tolerance:
-            limit = min(limit, found.seconds)
-        spent = max(found.seconds if found.status == OK else cost, FIRST_RUN)
-        for child in _finer(tried, node, done):
-            heapq.heappush(queue, (GROWTH * spent, next(number), child))
-
-
-def _finer(tried: Tried, node: Node, done: dict[Node, Found]) -> Iterator[Node]:
-    """Yield the next setting in h, and the next in dt, where they can help."""
-    found = done[node]
-    if found.status == LATE:  # finer ones take longer
-        return
-    fixed = node.combination.method in ("central_difference", "equilibrium")
-    for parent, child in (
-        (replace(node, i=node.i - 1), replace(node, i=node.i + 1)),
-        (replace(node, j=node.j - 1), replace(node, j=node.j + 1)),
-    ):
-        before = done.get(parent)
-        if child.j > node.j and fixed:
-            continue
-        if found.status == REFUSED and (before is None or before.status == REFUSED) and node.i > 1:
-            continue
-        near = found.error <= 2 * tried.tolerance or math.isinf(found.error)
-        if near or before is None or abs(found.error - before.error) > UNCHANGED * found.error:
-            yield child
-
-
-def _measure(tried: Tried, reference: Reference, runs: Runs) -> Callable[[Node], Found]:
-    """Return the function that runs a setting."""
-
-    def measure(node: Node) -> Found:
-        try:
-            problem = problem_of(tried, node)
-            problem.first  # noqa: B018  # builds it: an unsuitable element is refused here
-        except InputError:
-            return Found(node, None, REFUSED, 0.0, math.inf)
-        return run_setting(tried, reference, problem, node, runs)
-
-    return measure
-
-
-def run_setting(
-    tried: Tried, reference: Reference, problem: SceneProblem, node: Node, runs: Runs
-) -> Found:
-    """Run one setting and compare it with the reference."""
-    words = f"{tried.name}, {node.combination.words}, {node.i}, {node.j}"
-    point = Point(problem, Level(), words, Workload(1, 1))
-    with open(os.devnull, "w") as nothing, contextlib.redirect_stderr(nothing):
-        (row,) = run_points([point], quantities_of(tried), runs)
-    error = max(reference.errors(problem, row).values())
-    return Found(node, problem, str(row["status"]), row.get("cpu_seconds", 0.0), error)
+def run_problem(problem: StudyProblem, reference: Reference, runs: Runs) -> tuple[float, float]:
+    """Run a problem, and return its CPU seconds and its largest error by the reference."""
+    quantities = quantities_of(reference.tried)
+    (row,) = run_quantities([Run(problem, problem.name)], quantities, replace(runs, quiet=True))
+    return row.get("cpu_seconds", 0.0), max(reference.errors(row).values())
 
 
 def measure_best(
-    tried: Tried, reference: Reference, runs: Runs, nodes: Sequence[Node]
-) -> Found | None:
-    """Measure settings again, as in a chart; return the cheapest that meets the tolerance."""
-    again = [
-        run_setting(tried, reference, problem_of(tried, node), node, replace(runs, timed=True))
-        for node in nodes
+    tried: Tried, reference: Reference, runs: Runs, choices: Sequence[Choice]
+) -> tuple[float, Choice] | None:
+    """Measure settings again, as for a chart; return seconds and choice of the cheapest one.
+
+    Only those that meet the tolerance count: return None if there is none.
+    """
+    problem = StudyProblem.of(tried.scene())
+    measured = [
+        (*run_problem(problem.choose(**choice), reference, runs), choice) for choice in choices
     ]
-    return min(_good(tried, again), key=lambda one: one.seconds, default=None)
-
-
-def problem_of(tried: Tried, node: Node) -> SceneProblem:
-    """Return the scene with a setting."""
-    one, first = node.combination, tried.scene()
-    changes: dict[str, object] = {
-        "cloth.element": one.element,
-        "cloth.h": _coarsest(first) / 2 ** (node.i / 2),
-        "mass": "lumped" if one.element == "P1" or one.method == "central_difference" else None,
-    }
-    if one.pattern:
-        changes["cloth.pattern"] = one.pattern
-    if not first.equilibrium:
-        span = first.time.t_end - first.time.t_start
-        steps = {"time.dt": "auto"}
-        if one.method == "auto":
-            steps["time.rtol"] = FIRST_RTOL / 4**node.j
-        elif one.method != "central_difference":
-            steps["time.dt"] = span / (FIRST_STEPS * 2**node.j)
-        none = {"time.rtol": None, "time.atol": None, "time.longest": None}
-        changes |= {"time.method": one.method, **none, **steps}
-    return SceneProblem(tried.scene(changes), tried.name)
-
-
-def _coarsest(scene) -> float:
-    """Return a quarter of the size of the cloth, or its height or width if less."""
-    cloth = scene.cloth
-    if cloth.shape == "rectangle":
-        return min(cloth.width, cloth.height, max(cloth.width, cloth.height) / 4)
-    return math.sqrt(scene.mesh().area) / 4
+    meeting = [(seconds, choice) for seconds, error, choice in measured if error <= tried.tolerance]
+    return min(meeting, key=lambda pair: pair[0], default=None)
 
 
 # --- storing --------------------------------------------------------------------------------------
 
 
-def read_best(tried: Tried) -> list[Node]:
+def read_best(tried: Tried) -> list[Choice]:
     """Return the stored best settings of a scene.
 
     Raises
@@ -242,23 +124,26 @@ def read_best(tried: Tried) -> list[Node]:
     InputError
         If there are none, or they belong to an earlier form of the scene.
     """
-    found = _file().get(tried.name)
-    if found is None or found["scene"] != fingerprint(tried):
+    stored = _file().get(tried.name)
+    if stored is None or stored["scene"] != fingerprint(tried):
         remedy = f"Run python -m studies.tune.grid --names {tried.name}"
         allowed = "is missing or belongs to another scene"
         raise InputError(f"the grid of {tried.name}", allowed, FILE.name, remedy)
-    return [Node(Combination(*names), i, j) for names, i, j in found["best"]]
+    return stored["best"]
 
 
 def _file() -> dict:
     return json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
 
 
-def _stored(tried: Tried, done: list[Found]) -> Mapping:
-    """Return the best settings, how many ran, and the CPU seconds of all."""
-    spent = round(sum(one.seconds for one in done), 1)
-    best = [astuple(node) for node in best_of(tried, done)]
-    return {"scene": fingerprint(tried), "ran": len(done), "seconds": spent, "best": best}
+def _write(stored: Mapping[str, Mapping]) -> None:
+    """Write a line for each scene and one for each of its best settings."""
+    parts = []
+    for name, entry in stored.items():
+        rest = {key: value for key, value in entry.items() if key != "best"}
+        best = ",\n".join(f"    {json.dumps(choice)}" for choice in entry["best"])
+        parts.append(f'"{name}": {json.dumps(rest)[:-1]}, "best": [\n{best}]}}')
+    replace_file(FILE, ("{\n" + ",\n".join(parts) + "\n}\n").encode())
 
 
 def main() -> int:
@@ -269,11 +154,11 @@ def main() -> int:
     for tried in TWELVE:
         if not tried.has_limit or (options.names and tried.name not in options.names):
             continue
-        done = search(tried, read(tried), runs, options.longest)
-        known = _file() | {tried.name: _stored(tried, done)}
-        lines = ",\n".join(f'"{name}": {json.dumps(one)}' for name, one in known.items())
-        replace_file(FILE, ("{\n" + lines + "\n}\n").encode())
-        print(f"{tried.name}: {known[tried.name]}", flush=True)
+        made = search(tried, read(tried), runs, options.longest)
+        ran = {"ran": len(made.bench.rows), "seconds": round(made.bench.spent, 1)}
+        entry = {"scene": fingerprint(tried), **ran, "best": best_of(made)}
+        _write(_file() | {tried.name: entry})
+        print(f"{tried.name}: {entry}", flush=True)
     return 0
 
 

@@ -27,10 +27,8 @@ from fecloth.output.atomic_files import replace_file
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, relative_difference, value_of
-from fecloth.study.change import Level
-from fecloth.study.measured_runs import record_of
-from fecloth.study.problems import SceneProblem
-from fecloth.study.run_problems import Point, Runs, record_at, run_points
+from fecloth.study.problem import StudyProblem
+from fecloth.study.runs import Row, Run, Runs, announce, record_at, run_quantities
 from fecloth.study.status import OK
 from studies import harness
 from studies.tune.scenes import TWELVE, Tried
@@ -58,14 +56,14 @@ class Reference:
     uncertainties: Mapping[str, float]
     records: Mapping[str, RunRecord]
 
-    def errors(self, problem: SceneProblem, row: Mapping) -> dict[str, float]:
+    def errors(self, row: Row) -> dict[str, float]:
         """Return the relative error of each quantity in a run; infinite without a value."""
         if row["status"] != OK:
             return dict.fromkeys(self.values, math.inf)
-        return {text: self._error(parse_quantity(text), problem, row) for text in self.values}
+        return {text: self._error(parse_quantity(text), row) for text in self.values}
 
-    def _error(self, quantity: Quantity, problem: SceneProblem, row: Mapping) -> float:
-        record = record_of(row, quantity, problem.cloth_for(quantity), problem.probes)
+    def _error(self, quantity: Quantity, row: Row) -> float:
+        record = record_at(row, quantity)
         if quantity.text in self.records:
             return relative_difference(quantity, self.records[quantity.text], record)
         exact = self.values[quantity.text]
@@ -75,9 +73,10 @@ class Reference:
             return math.inf
 
 
-def fine_problem(tried: Tried) -> SceneProblem:
-    """Return the first of the two fine runs."""
-    return SceneProblem(tried.scene(tried.fine), tried.name)
+def fine_problems(tried: Tried) -> tuple[StudyProblem, StudyProblem]:
+    """Return the problems of the two fine runs."""
+    problem = StudyProblem.of(tried.scene(tried.fine)).finer(sharper=1.0)
+    return problem, problem.finer(h=tried.ratio, dt=tried.ratio)
 
 
 def quantities_of(tried: Tried) -> list[Quantity]:
@@ -98,10 +97,10 @@ def fingerprint(tried: Tried) -> str:
 
 def make(tried: Tried, runs: Runs) -> dict:
     """Run both levels; return what is stored."""
-    problem, quantities = fine_problem(tried), quantities_of(tried)
-    levels = [Level(), Level(tried.ratio, tried.ratio)]
-    points = [Point(problem, one, f"{tried.name}, {one}", problem.workload(one)) for one in levels]
-    rows = run_points(points, quantities, runs)
+    quantities = quantities_of(tried)
+    to_run = [Run(problem, f"{tried.name}, h = {problem.h}") for problem in fine_problems(tried)]
+    announce(to_run, runs)
+    rows = run_quantities(to_run, quantities, runs)
     for row in rows:
         if row["status"] != OK:
             raise study.StudyFailed(f"{tried.name}: {row['cause']}")
@@ -193,13 +192,13 @@ def _read_record(tried: Tried, text: str, stored: Mapping) -> RunRecord | None:
     quantity = parse_quantity(text)
     if is_number(quantity):
         return None
-    problem = fine_problem(tried)
+    _, problem = fine_problems(tried)
     if quantity.is_field:
-        cloth = problem.refined(Level(tried.ratio, tried.ratio)).cloth_for(quantity)
+        cloth = problem.cloth_for(quantity)
         fields = {quantity.name: np.array(stored["field"])}
         return RunRecord(np.zeros(1), {}, cloth, fields)
     columns = {name: np.array(values) for name, values in stored["columns"].items()}
-    return RunRecord(np.array(stored["times"]), columns, probes=problem.probes)
+    return RunRecord(np.array(stored["times"]), columns, probes=problem.source.probes)
 
 
 def main() -> int:
@@ -208,7 +207,9 @@ def main() -> int:
     known = {one.name: one for one in TWELVE if one.has_limit}
     chosen = [known[name] for name in options.names or known]
     stored = dict(_file())
-    runs = Runs(options.out, options.jobs, options.scheduler, None, None, options.fresh)
+    runs = Runs(
+        options.out, options.jobs, options.scheduler, most_seconds=None, fresh=options.fresh
+    )
     too_uncertain = []
     for tried in chosen:
         stored[tried.name] = make(tried, runs)

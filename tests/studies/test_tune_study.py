@@ -1,11 +1,15 @@
 """The study of tuning: its references are exact enough, its grid finds the cheapest setting."""
 
+import itertools
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from fecloth.study.fronts.settings import Line, Setting
+from fecloth.study.problem import StudyProblem
 from studies.tune import contact, grid, references, unseen
-from studies.tune.grid import Combination, Found, Node
 from studies.tune.scenes import TWELVE
 
 pytestmark = pytest.mark.stories
@@ -34,29 +38,77 @@ def test_the_strip_has_the_sag_of_the_closed_form():
     assert strip.values["sag"] == pytest.approx(0.023426817, rel=1e-5)
 
 
-def fake(node: Node) -> Found:
-    """Errors h² + dt and costs 1/(h² dt) of one method, four times both of the other."""
-    h, dt = 2 ** (-node.i / 2), 2.0**-node.j
-    worse = 1.0 if node.combination.method == "good" else 4.0
-    error = worse * (0.3 * h**2 + 0.1 * dt)
-    return Found(node, None, "ok", worse * 0.01 / (h**2 * dt), error)
+def exhaustive(errors, longest=math.inf):
+    """A search on made-up errors and seconds, by method: both are multiplied by `errors`."""
+
+    class Made:
+        """Errors h² + dt and costs 1/(h² dt)."""
+
+        quantities = ("x",)
+        left = 1e9
+        settings = SimpleNamespace(can_be_finer=lambda setting: (True, True))
+
+        def __init__(self):
+            self.rows = {}
+
+        def run(self, setting, most):
+            h, dt = 2 ** (-setting.i / 2), 2.0**-setting.j
+            worse = errors[setting.line.method]
+            row = {"status": "ok", "cpu_seconds": worse * 0.01 / (h**2 * dt)}
+            self.rows[setting] = row | {"error": worse * (0.3 * h**2 + 0.1 * dt)}
+
+        def is_ok(self, setting):
+            return setting in self.rows
+
+        def took(self, setting):
+            return self.rows[setting]["cpu_seconds"]
+
+        def allows(self, seconds):
+            return True
+
+    limit = SimpleNamespace(
+        uncertainty=np.zeros(1), error=lambda row: np.array([row["error"]]), is_known=True
+    )
+    made = grid.ExhaustiveSearch(Made(), limit, 0.01, longest)
+    made.add_lines([Line(method) for method in errors])
+    assert made.run() == ""
+    return made
 
 
 def test_search_finds_the_cheapest_setting_that_meets_the_tolerance():
-    tried = LIMITED[0]
-    combinations = [Combination("P1", "good"), Combination("P1", "bad")]
-    done = list(grid._in_order_of_cost(tried, combinations, fake, math.inf))
-    every = [fake(Node(c, i, j)) for c in combinations for i in range(20) for j in range(10)]
-    cheapest = min(grid._good(tried, every), key=lambda one: one.seconds)
-    assert grid.best_of(tried, done)[0] == cheapest.node
-    assert len(done) < len(every) / 2
+    made = exhaustive({"quick": 1.0, "slow": 4.0})
+    every = exhaustive({"quick": 1.0, "slow": 4.0})
+    for method, i, j in itertools.product(("quick", "slow"), range(20), range(10)):
+        every.bench.run(Setting(Line(method), i, j), 0.0)
+    assert made.bench.took(grid.meeting(made)[0]) == every.bench.took(grid.meeting(every)[0])
+    assert len(made.bench.rows) < len(every.bench.rows) / 2
+
+
+def test_search_leaves_no_setting_out_for_what_its_line_promises():
+    made = exhaustive({"quick": 1.0, "slow": 4.0})
+    least = made.bench.took(grid.meeting(made)[0])
+    cheap = [Setting(Line("slow"), i, j) for i in range(8) for j in range(8)]
+    every = exhaustive({"slow": 4.0})
+    for setting in cheap:
+        every.bench.run(setting, 0.0)
+    expected = {s for s in cheap if every.bench.took(s) < least / 4}
+    assert len(expected) > 10
+    assert expected <= made.bench.rows.keys()
 
 
 def test_search_stops_at_the_longest_time():
-    tried = LIMITED[0]
-    done = list(grid._in_order_of_cost(tried, [Combination("P1", "good")], fake, 0.05))
-    assert done
-    assert not grid.best_of(tried, done)
+    made = exhaustive({"quick": 1.0}, longest=0.05)
+    assert made.bench.rows
+    assert not grid.meeting(made)
+
+
+@pytest.mark.parametrize("tried", LIMITED, ids=lambda one: one.name)
+def test_the_stored_best_settings_are_settings_of_the_scene(tried):
+    problem = StudyProblem.of(tried.scene())
+    for choice in grid.read_best(tried):
+        tables = problem.choose(**choice).tables
+        assert tables["cloth"]["h"] == choice["h"]
+        assert tables["cloth"]["element"] == choice["element"]
 
 
 @pytest.mark.parametrize("drawn", [unseen, contact], ids=["unseen", "contact"])

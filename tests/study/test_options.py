@@ -139,4 +139,3 @@ def test_the_results_go_to_the_folder_of_the_study(monkeypatch):
         monkeypatch.setattr(sys, "argv", [script])
         assert parse().out.as_posix() == "out/mine"
     assert parse("--out", "here").out.as_posix() == "here"
-@pytest.mark.stories

@@ -21,7 +21,7 @@ from fecloth.study.runs import Run, Runs, record_at, run_quantities
 from fecloth.study.tuning import Reduced, leave_out_terms
 from fecloth.study.tuning_result import Tuned
 
-pytestmark = [pytest.mark.stories, pytest.mark.usefixtures("counted_work")]  # seconds decide
+pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
 STRIP = """
 cloth = { shape = "rectangle", width = 0.3, height = 1.0, h = 0.1, pattern = "right" }
 fabric = { areal_density = 0.2, tensile_stiffness = 40.0, poisson_ratio = 0.3 }
@@ -122,6 +122,7 @@ def test_the_tuned_setting_is_the_cheapest_row_within_the_tolerance(tuned_strip)
     assert len({(row["element"], row["pattern"], row["h"]) for row in rows}) == len(rows)
 
 
+@pytest.mark.stories
 def test_a_function_is_tuned_in_h(tmp_path):
     def hang(h, element="P1"):
         cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="cross", element=element)
@@ -148,6 +149,7 @@ def pulled_strip(h, dt):
     return cloth, system, fc.ImplicitMidpoint(), system.rest()
 
 
+@pytest.mark.stories
 def test_the_tuned_motion_takes_no_longer_than_its_budget():
     run = {"h": 0.1, "dt": 0.005, "t_end": 0.05, "probes": TIP}
     tuned = fc.tune(pulled_strip, quantity="tip.x", budget="0.02 s", **run)
@@ -155,7 +157,6 @@ def test_the_tuned_motion_takes_no_longer_than_its_budget():
     assert tuned.seconds <= tuned.budget == 0.02
     assert 0 < tuned.error < 0.05
     assert math.isnan(tuned.tolerance)
-    assert "solver" in tuned.parts
     within = [row for row in tuned.table if row["status"] == "ok" and row["seconds"] <= 0.02]
     bounds = [row["error %"] + row["uncertainty %"] for row in within]
     (own,) = [row for row in tuned.table if row["tuned"]]
@@ -165,6 +166,7 @@ def test_the_tuned_motion_takes_no_longer_than_its_budget():
 # --- the command and the report -------------------------------------------------------------------
 
 
+@pytest.mark.stories
 def test_the_command_writes_a_scene_that_runs(strip, tmp_path, capsys):
     options = ["--elements", "P1", "-o", str(tmp_path / "out")]
     assert cli.main(["tune", str(strip), "--tolerance", "3%", *options]) == 0
@@ -185,7 +187,7 @@ def test_a_setting_that_is_not_proved_is_reported_without_nan(tmp_path, error):
     row = {"element": "P1", "status": "ok", "seconds": 0.1, "error": error, "tuned": True}
     row |= {"method": "equilibrium", "uncertainty": 0.1, "error %": error, "uncertainty %": 0.1}
     table = Table((row, {"status": "failed", "method": "equilibrium", "tuned": False}))
-    tuned = Tuned("strip", "not proved: it is too long", table, seconds=0.1, tolerance=1e-6)
+    tuned = Tuned("strip", "not proved: it is too long", table, seconds=0.1, search_seconds=1.0)
     assert not any("nan" in note for note in tuned.notes())
     page = tuned.report(tmp_path).read_text()
     assert "CPU time: 0.1 s" in page
@@ -204,6 +206,7 @@ def test_the_figure_has_a_ring_at_the_tuned_run_and_a_line_at_the_tolerance(tune
 # --- what proves nothing --------------------------------------------------------------------------
 
 
+@pytest.mark.stories
 def test_a_mesh_that_cannot_be_refined_is_named(tmp_path):
     write(
         tmp_path,
@@ -221,6 +224,7 @@ def test_a_mesh_that_cannot_be_refined_is_named(tmp_path):
     assert tuned.exit_status == 1
 
 
+@pytest.mark.stories
 def test_changes_that_do_not_shrink_prove_nothing():
     """As with folds: each finer mesh has another result; here by its stiffness."""
 
@@ -238,22 +242,29 @@ def test_changes_that_do_not_shrink_prove_nothing():
     assert "unknown" in tuned.verdict
 
 
-def test_a_time_that_is_up_is_said_with_the_next_setting():
+@pytest.mark.stories
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (2.0, "the next setting would be h = .* mm, dt = .* ms"),
+        (0.5, "1 level reached the end of the run in time; a limit needs 3"),
+    ],
+)
+def test_a_time_that_is_up_is_said_with_the_next_setting(seconds, words):
     run = {"h": 0.1, "dt": 0.005, "t_end": 0.05, "probes": TIP}
-    tuned = fc.tune(pulled_strip, 1e-6, "tip.x", seconds=0.5, **run)
+    tuned = fc.tune(pulled_strip, 1e-6, "tip.x", seconds=seconds, **run)
     assert not tuned.proved
-    assert re.search("the next setting would be .*h = ", str(tuned.remarks))
+    assert re.search(words, " ".join([tuned.verdict, *tuned.remarks]))
 
 
 def test_a_scene_that_fails_on_every_mesh_says_the_cause(tmp_path):
     torn = STRIP.replace("tensile_stiffness = 40.0", "tensile_stiffness = 1e-6")
-    with pytest.raises(StudyFailed, match="no limit was found: .*equilibrium"):
+    with pytest.raises(StudyFailed, match="no limit was found: .*nothing holds the cloth"):
         fc.tune(write(tmp_path, torn), elements=["P1"])
 
 
-@pytest.mark.stories
-def test_a_huge_scene_is_refused_before_it_is_meshed(tmp_path, monkeypatch):
-    path = write(tmp_path, STRIP.replace("h = 0.1", "h = 1e-5"))
+def test_a_scene_that_takes_far_too_long_is_refused_before_it_runs(tmp_path, monkeypatch):
+    path = write(tmp_path, STRIP.replace("{}", "{ load_steps = 999999 }"))
     monkeypatch.setattr("fecloth.study.tuning.find_tuned", lambda *_, **__: pytest.fail("runs"))
     with pytest.raises(InputError, match="above 3,600 s"):
         fc.tune(path)
@@ -290,6 +301,7 @@ def reduced_terms(source, tolerance=0.01):
     return leave_out_terms(Reduced(problem), bench, tolerance)
 
 
+@pytest.mark.stories
 def test_a_term_that_changes_nothing_is_left_out(tmp_path):
     force = ' { type = "PointForce", where = "bottom", force = [0, 1e-9, 0] }]\npins'
     path = write(tmp_path, STRIP.replace("]\npins", f",{force}", 1))
@@ -300,6 +312,7 @@ def test_a_term_that_changes_nothing_is_left_out(tmp_path):
     assert reduced.errors["model"] <= 0.25 * 0.01
 
 
+@pytest.mark.stories
 def test_a_membrane_in_free_fall_is_not_left_out():
     """Nothing stretches the cloth, so that no run of the search would miss its membrane."""
     time = {"method": "bdf2", "dt": 0.02, "t_end": 0.1}
@@ -317,6 +330,7 @@ def test_a_function_has_no_terms_to_write():
         leave_out_terms(Reduced(problem), bench, 0.01)
 
 
+@pytest.mark.stories
 def test_a_tuned_scene_says_which_terms_it_lacks(tmp_path):
     force = ' { type = "PointForce", where = "bottom", force = [0, 1e-9, 0] }]\npins'
     path = write(tmp_path, STRIP.replace("]\npins", f",{force}", 1))

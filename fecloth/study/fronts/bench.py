@@ -25,6 +25,7 @@ SET_UP_OF_TRIANGLE = 2e-4
 # are zero up to what solvers leave: they have no relative error.
 ZERO_SIZE = 1e-12
 ZERO_PART_OF_VECTOR = 1e-6
+SHARPER = 100.0  # divides the solver's tolerance: what is left of it makes nearly no error
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,8 @@ class Bench:
         CPU time of all runs together [s].
     rows
         The row of each setting that has run; `run` adds to them.
+    sharper_rows
+        The rows of settings that have run with a sharper solver.
     begin
         CPU time of this process at the begin [s].
     before
@@ -54,18 +57,29 @@ class Bench:
     runs: Runs
     seconds: float
     rows: dict[Setting, Row] = field(default_factory=dict)
+    sharper_rows: dict[Setting, Row] = field(default_factory=dict)
     begin: float = field(default_factory=time.process_time)
     before: float = 0.0
 
     def with_settings(self, settings: Settings) -> "Bench":
         """Return a bench for other settings, whose runs take place in the time that is left."""
-        return replace(self, settings=settings, rows={}, before=self._in_runs)
+        return replace(self, settings=settings, rows={}, sharper_rows={}, before=self._in_runs)
+
+    def with_sharper_solver(self) -> "Bench":
+        """Return the same bench, whose settings run with a sharper solver in steps of time.
+
+        The runs of both count for both. An equilibrium has no other solver: its bench stays.
+        """
+        if self.settings.problem.is_static or self.settings.sharper:
+            return self
+        settings = replace(self.settings, sharper=SHARPER)
+        return replace(self, settings=settings, rows=self.sharper_rows, sharper_rows=self.rows)
 
     @property
     def _in_runs(self) -> float:
         """CPU time of all runs [s]."""
-        seconds = sum(float(row.get("case_seconds", 0.0)) for row in self.rows.values())
-        return self.before + seconds
+        rows = [*self.rows.values(), *self.sharper_rows.values()]
+        return self.before + sum(float(row.get("cpu_seconds", 0.0)) for row in rows)
 
     @property
     def spent(self) -> float:

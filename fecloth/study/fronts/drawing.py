@@ -20,8 +20,8 @@ Series = dict[str, list[Row]]
 
 
 def is_known(row: Row) -> bool:
-    """Whether the setting has an error."""
-    return row["status"] == OK and math.isfinite(row["error"])
+    """Whether the setting has an error, and the limit an uncertainty."""
+    return row["status"] == OK and math.isfinite(row["error"] + row["uncertainty"])
 
 
 def known_error(row: Row) -> float:

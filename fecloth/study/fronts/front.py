@@ -242,7 +242,7 @@ def search_lines(
     """
     search = Search(bench, limit, plan.tolerance, longest)
     if not limit.is_known:
-        return search, "the changes from level to level do not shrink as the order says"
+        return search, limit.why_unknown
     say(f"settings in the order of their cost; {bench.spent:.0f} of {bench.seconds:.0f} CPU s gone")
     search.add_lines(lines)
     why = search.run()
@@ -306,7 +306,7 @@ def describe_setting(bench: Bench, setting: Setting) -> str:
         sizes.append(f"dt = {1e3 * choice['dt']:.3g} ms")
     if "rtol" in choice:
         sizes.append(f"rtol = {choice['rtol']:g} 1/s")
-    return ", ".join([str(setting.line), *sizes])
+    return ", ".join(filter(None, [str(setting.line), *sizes]))
 
 
 def make_rows(bench: Bench, limit: Limit) -> list[dict[str, Any]]:

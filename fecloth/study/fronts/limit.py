@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fecloth.errors import amount
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import (
@@ -94,6 +95,15 @@ class Limit:
         """Whether the uncertainty is at most the wanted one, and there are enough levels."""
         return float(self.uncertainty.max()) <= wanted and len(self.rows) >= levels
 
+    @property
+    def why_unknown(self) -> str:
+        """Why a quantity has no uncertainty."""
+        count = len(self.rows)
+        if count < LEAST_LEVELS:
+            levels = amount(count, "level")
+            return f"{levels} reached the end of the run in time; a limit needs {LEAST_LEVELS}"
+        return "the changes from level to level do not shrink as the order says"
+
     def error(self, row: dict) -> np.ndarray:
         """Return the (q,) relative distances of a run to the limit.
 
@@ -167,7 +177,8 @@ def find_limit(
     Each level halves h and dt. The ladder that should reach the wanted uncertainty in the least
     time goes on, by what its levels took and by how they changed: so a line whose changes do not
     shrink gives way to another. The limit is the one of the ladder with the least uncertainty.
-    It has at least `levels` levels, as far as the time allows.
+    It has at least `levels` levels, as far as the time allows. The levels run with a sharper
+    solver, so that the limit has no error of the solver, and distances to it have.
 
     Raises
     ------
@@ -177,6 +188,7 @@ def find_limit(
         If a quantity is zero.
     """
     wanted = PART_OF_TOLERANCE * tolerance
+    bench = bench.with_sharper_solver()
     ladders = [Ladder(bench, line) for line in lines if is_second_order(line)]
     ladders = ladders or [Ladder(bench, line) for line in lines]
     most = math.inf
@@ -193,9 +205,7 @@ def find_limit(
             check_sizes(bench.quantities, limits[0].finest, where)
             checked = True
         best = min(limits, key=lambda limit: limit.uncertainty.max(), default=None)
-        is_known = (
-            best is not None and best.uncertainty.max() <= wanted and len(best.rows) >= levels
-        )
+        is_known = best is not None and best.is_within(wanted, levels)
         if is_known or not open_ladders or bench.spent > PART_OF_TIME * bench.seconds:
             break
         ladder = min(open_ladders, key=lambda ladder: ladder.seconds_to(wanted))

@@ -78,6 +78,8 @@ class Settings:
         has any value.
     finest
         The least h of a setting whose neighbours are sought [m]; None for any.
+    sharper
+        Divides the solver's tolerance, as for `StudyProblem`; None leaves the solver as it is.
     """
 
     problem: StudyProblem
@@ -85,6 +87,7 @@ class Settings:
     changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     values: Mapping[str, Sequence[float]] = field(default_factory=dict)
     finest: float | None = None
+    sharper: float | None = None
 
     @classmethod
     def of(
@@ -146,7 +149,8 @@ class Settings:
     def problem_of(self, setting: Setting) -> StudyProblem:
         """Return the problem with a setting; raise `InputError` if it refuses that."""
         problem = self.problem.at(self.changes.get(setting.line.terms, {}), setting.line.terms)
-        return problem.choose(name=str(setting.line), **self.choice(setting))
+        chosen = problem.choose(name=str(setting.line), **self.choice(setting))
+        return chosen.finer(sharper=self.sharper)
 
     def varies(self, line: Line) -> tuple[bool, bool]:
         """Return whether a line has an h, and a dt or rtol, to refine."""
