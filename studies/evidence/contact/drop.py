@@ -4,15 +4,9 @@ The sheet of 0.4 m (200 g/m², 1000 N/m) starts 5 mm above a ball of 0.1 m, with
 1 mm and steps of 10 ms. The least distance is taken over all points at the end of every step. The
 full form takes 2 s and writes drop.md. With --self-contact the sheet cannot pass through itself
 either (gap 1 mm, μ = 0.3). That is 0.3 s of 8,000 triangles: the impact, and the first folds that
-touch. With --apart it prints what `SelfContact` costs in the first 0.1 s, where no parts of the
-sheet touch each other: the seconds of the steps over those of the same steps without it, each the
-least of three runs that alternate.
+touch.
 
-    python -m studies.evidence.contact.drop [--self-contact] [--apart] [--quick]
-
-Two lines more say how much longer an iteration takes because of the ball: its force, matrix, energy
-and longest way over all other seconds of an iteration, at the end of 0.3 s. With the smaller gap
-each triangle has four points more, as the ball curves more than the mesh follows.
+    python -m studies.evidence.contact.drop [--self-contact] [--quick]
 """
 
 from __future__ import annotations
@@ -26,13 +20,10 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth.linalg.block_matrix import BlockMatrix
 from studies import harness
-from studies.evidence.benchmarks.measure import fastest
 
 SIZE, RADIUS, GAP = 0.4, 0.1, 1e-3
 ITSELF = fc.SelfContact(GAP, friction=0.3)
-REPEATS = 3
 
 
 @dataclass(frozen=True)
@@ -63,14 +54,14 @@ class Drop:
 
 
 def make(
-    h: float, friction: float = 0.3, more: tuple[fc.SelfContact, ...] = (), gap: float = GAP
+    h: float, friction: float = 0.3, more: tuple[fc.SelfContact, ...] = ()
 ) -> tuple[fc.System, fc.State]:
     """A sheet of 0.4 m, 5 mm above the top of a ball of 0.1 m, and at rest."""
     cloth = fc.Cloth.rectangle(SIZE, SIZE, h)
     fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
     ball = fc.shapes.Sphere((SIZE / 2, SIZE / 2, -RADIUS), RADIUS)
     terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), fc.StrainRateDamping(time=1e-3)]
-    system = fc.System(cloth, fabric, [*terms, *more, fc.Obstacle(ball, gap, friction)])
+    system = fc.System(cloth, fabric, [*terms, *more, fc.Obstacle(ball, GAP, friction)])
     x = np.column_stack([cloth.X, np.full(len(cloth.X), 5e-3)])
     return system, system.state(x)
 
@@ -93,51 +84,6 @@ def drop(h: float, t_end: float, method, more: tuple[fc.SelfContact, ...] = ()) 
     return Drop(triangles, steps, newton, seconds, float(least), float(gain), fallen)
 
 
-def time_the_ball(h: float, gap: float) -> str:
-    """Say how much longer an iteration takes because of the ball."""
-    system, start = make(h, gap=gap)
-    ball, newton, end = system.bound[-1], 0, start
-    begin = time.process_time()
-    for state, info in fc.march(system, fc.BackwardEuler(), start, 0.01, 0.3):
-        newton, end = newton + info.counts.newton, state
-    whole = (time.process_time() - begin) / newton
-    x, v, t = end.x, end.v, end.t
-    J, f, down = BlockMatrix.zeros(system.pattern), np.zeros_like(x), np.full_like(x, -1e-3)
-
-    def call() -> None:
-        ball.energy(x, t)
-        ball.add_force(x, v, t, f)
-        ball.add_tangent(x, v, t, 1.0, 0.0, J, True)
-        ball.limit(x, down, t)
-
-    own = fastest(call, 20, time.process_time)
-    rest = whole - own
-    return f"Gap {1e3 * gap:g} mm: {100 * own / rest:.1f} % of {1e3 * rest:.1f} ms."
-
-
-def time_apart(h: float, t_end: float) -> str:
-    """Say how much longer the steps take with a `SelfContact` that touches nothing."""
-    runs = [steps_of(h, t_end, more) for _ in range(REPEATS) for more in ((), (ITSELF,))]
-    seconds, touching, iterations = (np.array(each) for each in zip(*runs, strict=True))
-    if touching.any() or (iterations != iterations[0]).any():
-        raise RuntimeError("Layers touch, or are near: take a shorter time.")
-    without, with_it = (seconds[i::2].min(axis=0).sum() for i in (0, 1))
-    triangles = len(make(h)[0].cloth.triangles)
-    return f"{triangles} triangles: {with_it / without:.2f} times {without:.2f} CPU s."
-
-
-def steps_of(h: float, t_end: float, more: tuple[fc.SelfContact, ...]):
-    """CPU seconds, pairs that touch at the end, and iterations, of steps of 10 ms."""
-    system, start = make(h, more=more)
-    sets = [term.sets for term in system.bound if term.name == "SelfContact"]
-    rows, begin = [], time.process_time()
-    for state, info in fc.march(system, fc.BackwardEuler(), start, 0.01, t_end):
-        seconds = time.process_time() - begin
-        rows.append((seconds, sum(len(each.at(state.x)) for each in sets), info.counts.newton))
-        begin = time.process_time()
-    return tuple(zip(*rows, strict=True))
-
-
 def row(method, result: Drop) -> str:
     """A line of the table."""
     each = result.newton / result.steps, result.seconds / result.steps, 1e3 * result.least
@@ -153,16 +99,10 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a coarse mesh, for 0.3 s")
     text = "the sheet does not pass through itself"
     parser.add_argument("--self-contact", action="store_true", help=text)
-    text = "only what SelfContact costs where nothing touches"
-    parser.add_argument("--apart", action="store_true", help=text)
     options = parser.parse_args()
     quick = options.quick
     warnings.simplefilter("ignore", fc.FeclothWarning)
     full = [(0.0136, fc.BackwardEuler()), (0.0136, fc.BDF2()), (0.0068, fc.BackwardEuler())]
-    if options.apart:
-        for h in [0.05] if quick else [0.0136, 0.0068]:
-            print(time_apart(h, 0.1))
-        return
     more = (ITSELF,) if options.self_contact else ()
     runs = [(0.05, fc.BDF2())] if quick else full[2:] if more else full
     lines = [
@@ -173,9 +113,6 @@ def main() -> None:
     ]
     for h, method in runs:
         lines.append(row(method, drop(h, 0.3 if quick or more else 2.0, method, more)))
-    if not more:
-        head = "Seconds of an iteration because of the ball, over all others, on the last mesh:"
-        lines += ["", head, "", *(time_the_ball(runs[-1][0], gap) for gap in (GAP, GAP / 10))]
     text = "\n".join(lines) + "\n"
     print(text)
     if not (quick or more):
