@@ -17,14 +17,9 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import platform
 from contextlib import ExitStack
 from datetime import date
 from pathlib import Path
-
-import numba
-import numpy as np
 
 from fecloth.errors import InputError
 from studies import harness
@@ -62,24 +57,10 @@ def record(times: Times, triangles: int) -> dict:
     return {
         "commit": git("describe", "--always", "--dirty").decode().strip(),
         "date": date.today().isoformat(),
-        "machine": machine(),
+        "machine": harness.hardware(),
         "triangles": triangles,
         "reference [ns per triangle]": round(1e9 * times[REFERENCE], 3),
         "over reference": {name: round(value, 4) for name, value in relative(times).items()},
-    }
-
-
-def machine() -> dict:
-    """Return the processor and the versions that matter."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return {
-        "processor": models[0] if models else platform.processor(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "numba": numba.__version__,
     }
 
 

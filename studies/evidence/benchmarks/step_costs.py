@@ -28,7 +28,7 @@ import fecloth as fc
 from fecloth import study
 from fecloth.study.result import Table, markdown_table
 from studies import harness
-from studies.evidence.benchmarks.measure import fastest, square
+from studies.evidence.benchmarks.measure import square
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 DT = 5e-3
@@ -106,7 +106,7 @@ def triad(a, b, c):
 def bandwidth() -> float:
     """Return the bytes a second that one thread moves."""
     a, b, c = (np.ones(8_000_000) for _ in range(3))
-    return 3 * a.nbytes / fastest(lambda: triad(a, b, c))
+    return 3 * a.nbytes / harness.measure_seconds(lambda: triad(a, b, c), 7).wall
 
 
 def bytes_moved(system: fc.System) -> tuple[int, int]:
@@ -126,8 +126,8 @@ def explicit_step(system: fc.System, state: fc.State, work: int) -> tuple[float,
     few = min(500, max(8, work // len(system.cloth.triangles)))
 
     def run(count: int) -> float:
-        clock, end = time.process_time, state.t + count * dt
-        return fastest(lambda: fc.run(system, method, state, dt, end), 2, clock)
+        end = state.t + count * dt
+        return harness.measure_seconds(lambda: fc.run(system, method, state, dt, end), 2).cpu
 
     return (run(4 * few) - run(few)) / (3 * few), dt
 
