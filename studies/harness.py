@@ -445,11 +445,6 @@ class Seconds:
         """Time of compiling and loading in the first call, first − wall ≥ 0 [s]."""
         return max(0.0, self.first - self.wall)
 
-    @property
-    def row(self) -> dict[str, float]:
-        """Columns of a case's row."""
-        return {"seconds": self.wall, "cpu_seconds": self.cpu, "compile_seconds": self.compiling}
-
 
 def measure_seconds(function: Callable[[], object], repeats: int = 3) -> Seconds:
     """Call a function once to warm up, then `repeats` times, and return the shortest times."""

@@ -52,7 +52,6 @@ def run_here(monkeypatch, capsys):
         ("models.sag_figure", "wrote out/models/sag.png"),
         ("laws", "10 pictures"),
         ("lecture", "0 checks failed"),
-        ("evidence.laws.wang", "27 strips of 9 fabrics"),
         ("contact", "drum against a plate: |error| on the finest mesh, %: 0.398"),
         ("evidence.contact.time_errors", "share of these within a factor 3: 1 >= 0: met"),
         ("fit.twins", "warp: share of 2 twins whose interval covers the truth: 1 >= 0.9: met"),
