@@ -437,30 +437,15 @@ class Seconds:
 
     wall: float  # wall-clock time of the fastest call [s]
     cpu: float  # its processor time [s]
-    first: float  # wall-clock time of the first call [s], which compiles and does not count
     value: object = None  # result of the last call
-
-    @property
-    def compiling(self) -> float:
-        """Time of compiling and loading in the first call, first − wall ≥ 0 [s]."""
-        return max(0.0, self.first - self.wall)
-
-    @property
-    def row(self) -> dict[str, float]:
-        """Columns of a case's row."""
-        return {"seconds": self.wall, "cpu_seconds": self.cpu, "compile_seconds": self.compiling}
 
 
 def measure_seconds(function: Callable[[], object], repeats: int = 3) -> Seconds:
     """Call a function once to warm up, then `repeats` times, and return the shortest times."""
-    first, _, _ = _measure_one_call(function)
-    calls = [_measure_one_call(function) for _ in range(repeats)]
-    wall = min(call[0] for call in calls)
-    cpu = min(call[1] for call in calls)
-    return Seconds(wall, cpu, first, calls[-1][2])
-
-
-def _measure_one_call(function) -> tuple[float, float, object]:
-    wall, cpu = time.perf_counter(), time.process_time()
-    value = function()
-    return time.perf_counter() - wall, time.process_time() - cpu, value
+    function()
+    calls = []
+    for _ in range(repeats):
+        wall, cpu = time.perf_counter(), time.process_time()
+        value = function()
+        calls.append((time.perf_counter() - wall, time.process_time() - cpu))
+    return Seconds(*map(min, zip(*calls, strict=True)), value)

@@ -9,6 +9,7 @@ import fecloth as fc
 from fecloth.terms.traits import traits_of
 from studies.bending.meshes import disk, on_sides, rectangle, square
 from studies.references import plates
+from studies.references.elastica import heavy_elastica
 
 MODELS = {  # name: term, element
     "HingeBending": (fc.HingeBending(), "P1"),
@@ -137,4 +138,5 @@ def heavy_strip(term, element: str, pattern: str, n: int) -> float:
     terms = [fc.StVK(), term, fc.Gravity((0, 0, -WEIGHT))]
     system = fc.System(cloth, fabric, terms, [pin])
     tip = fc.equilibrium(system, system.rest()).x[cloth.X[:, 0] > 1 + begin - 1e-9].mean(axis=0)
-    return float(abs(-tip[2] / (tip[0] - begin) / plates.heavy_strip(WEIGHT, RATIO) - 1))
+    _, reach, drop = heavy_elastica(WEIGHT, softness=WEIGHT / RATIO)
+    return float(abs(-tip[2] / (tip[0] - begin) / (drop[-1] / reach[-1]) - 1))

@@ -17,14 +17,6 @@ TITLES = {
     "heavy_strip": "Heavy strip, rotated by 60°",
 }
 SERIES = {"hinges": (HINGES, 1), P1: ((P1,), 0), P2: ((P2,), 2)}  # models, colour
-LABELS = {  # where the name of each series begins: h, error
-    "supported_square": {"hinges": (0.016, 0.16), P1: (0.034, 6e-4), P2: (0.017, 5e-3)},
-    "clamped_square": {"hinges": (0.016, 0.11), P1: (0.034, 4e-3), P2: (0.017, 1.4e-2)},
-    "clamped_disk": {"hinges": (0.016, 0.12), P1: (0.022, 8e-3), P2: (0.036, 5e-4)},
-    "free_square": {"hinges": (0.016, 0.6), P1: (0.02, 4e-3), P2: (0.034, 3e-5)},
-    "corner_twist": {"hinges": (0.016, 2e-2)},
-    "heavy_strip": {"hinges": (0.016, 0.33), P1: (0.024, 7e-3), P2: (0.055, 1.3e-4)},
-}
 WORDS = {"hinges": "hinges, quadratic", P1: "plate on P1", P2: "plate on P2"}
 
 
@@ -45,7 +37,7 @@ def draw_series(ax, rows: Rows, name: str) -> None:
     band, graded = (bounds(rows, models, choice) for choice in (False, True))
     if len(band):
         ax.fill_between(*band.T, alpha=0.18, lw=0, **look)
-        ax.plot(band[:, 0], band[:, 2], marker=study.MARKERS[colour], **look)
+        ax.plot(band[:, 0], band[:, 2], marker=study.MARKERS[colour], label=WORDS[name], **look)
     if len(graded):
         ax.plot(graded[:, 0], graded[:, 2], ls=":", **look)
 
@@ -60,12 +52,11 @@ def draw(out, rows: Rows) -> None:
             for name in SERIES:
                 draw_series(ax, group, name)
             ax.set_title(title)
-            for name, place in LABELS[problem].items():
-                ax.text(*place, WORDS[name], color=study.COLOURS[SERIES[name][1]], fontsize=11)
             ax.set_ylim(top=2)
             if problem == EXACT:
                 ax.text(0.022, 1e-7, "plates on P1 and P2:\nround-off", fontsize=11)
             else:
                 harness.draw_slope_triangle(ax, 2, at=(0.93, 0.05), width=0.18)
+        axes.flat[0].legend()
         words = "Lines: the worst of five patterns. Bands: all five. Dotted: meshes graded 20 : 1."
         figure.supxlabel(words, fontsize=12)

@@ -213,8 +213,6 @@ def main() -> int:
     findings += conclude_space(rows) + conclude_time(steps) + conclude_swings(swings)
     static = [("static", norm) for norm in ("L2", "H1", "energy")]
     draw_space(options.out, rows, "convergence", [*static, ("frequency", "frequency")])
-    draw_space(options.out, rows, "dynamic", [("dynamic", "L2"), ("dynamic", "H1")])
-    draw_space(options.out, rows, "strip", [("strip", "L2"), ("strip", "H1")])
     draw_time(options.out, steps)
     tables = {
         problem: table([r for r in rows if r["problem"] == problem], "h", tuple(NORMS))
@@ -229,7 +227,7 @@ def main() -> int:
         TITLE,
         rows + steps + [{"problem": "swing", **row} for row in swings],
         tables=tables,
-        figures=("convergence", "dynamic", "strip", "time"),
+        figures=("convergence", "time"),
         findings=findings,
         conclusion=f"{sum(f.is_met for f in findings)} of {len(findings)} are as expected.",
     )

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
-from scipy.integrate import cumulative_simpson, solve_bvp
 
 import fecloth as fc
+from studies.bending.meshes import on_sides, rectangle
 from studies.convergence.true_error import Field, Solved
 from studies.references import closed_forms, manufactured
+from studies.references.elastica import heavy_angle, heavy_elastica
 
 SMALL = 1e-4  # load of the plates: their deflection is far below the length √(B/Y)
 NU, GAMMA = 0.3, 10.0
@@ -23,19 +23,7 @@ PLATE = fc.Fabric(1.0, 1e3, NU, bending_rigidity=1.0, bending_poisson_ratio=NU)
 
 def mesh(width: float, height: float, n: int, pattern: str, element: str) -> fc.Cloth:
     """Return a rectangle with n spacings of nodes along its width; "jittered" moves inner nodes."""
-    h = width / n * (1 if element == "P1" else 2)
-    if pattern != "jittered":
-        return fc.Cloth.rectangle(width, height, h, pattern, element)
-    cloth = fc.Cloth.rectangle(width, height, h, "right")
-    sets = {name: cloth.nodes(name) for name in ("left", "right", "boundary")}
-    X, inside = cloth.X.copy(), np.setdiff1d(np.arange(len(cloth.X)), sets["boundary"])
-    X[inside] += np.random.default_rng(1).uniform(-0.22, 0.22, (len(inside), 2)) * h
-    return fc.Cloth.from_arrays(X, cloth.triangles, sets, renumber=False, element=element)
-
-
-def on_sides(X: np.ndarray) -> np.ndarray:
-    """Return whether points lie on the sides of the unit square."""
-    return (np.abs(X - 0.5) > 0.5 - 1e-9).any(axis=1)
+    return rectangle(width, height, width / n * (1 if element == "P1" else 2), pattern, element)
 
 
 def load(cloth: fc.Cloth, density: Field) -> fc.UserForce:
@@ -188,31 +176,13 @@ def _mirrored(half: fc.Cloth, element: str) -> fc.Cloth:
 # --- strips that bend far -------------------------------------------------------------------------
 
 
-@cache
-def elastica() -> Callable:
-    """Return (φ, φ') of s: φ'' = −Γ (1 − s) cos φ, φ(0) = 0, φ'(1) = 0, φ below the horizontal."""
-    s, y = np.linspace(0, 1, 101), np.zeros((2, 101))
-    for weight in np.geomspace(1.0, GAMMA, 6):
-        solution = solve_bvp(
-            lambda s, y, w=weight: [y[1], -w * (1 - s) * np.cos(y[0])],
-            lambda start, end: [start[0], end[1]],
-            s,
-            y,
-            tol=1e-9,
-            max_nodes=100_000,
-        )
-        s, y = solution.x, solution.y
-    return solution.sol
-
-
 def cantilever(pattern: str, n: int, element: str, ratio: float = 1e6) -> Solved:
     """Return a clamped strip of ρ g L³/B = 10 under its own weight, with Y L²/B = `ratio`."""
-    cloth, shape = mesh(1.0, 0.25, n, pattern, element), elastica()
+    cloth, shape = mesh(1.0, 0.25, n, pattern, element), heavy_angle(GAMMA)
     fabric = fc.Fabric(1.0, ratio, bending_rigidity=1.0)
     terms = [fc.StVK(), fc.PlateBending(), fc.Gravity((0.0, 0.0, -GAMMA))]
     system = fc.System(cloth, fabric, terms, [fc.Pin("left", clamp=True)])
-    s = np.linspace(0, 1, 4001)
-    along, down = (cumulative_simpson(f(shape(s)[0]), x=s, initial=0) for f in (np.cos, np.sin))
+    s, along, down = heavy_elastica(GAMMA)
     X, Y = cloth.X.T
     start = np.column_stack([np.interp(X, s, along), Y, -np.interp(X, s, down)])
 

@@ -30,9 +30,10 @@ from fecloth.errors import FeclothError, FeclothWarning, InputError
 from fecloth.output.frame_reader import Frame, Series
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
+from fecloth.study.result import markdown_table, write_csv
 from fecloth.view.checker_pattern import material_coordinates
 from studies import harness
-from studies.drape.between_meshes import COLUMNS, compare_meshes, summarise, write_table
+from studies.drape.between_meshes import COLUMNS, compare_meshes, summarise
 from studies.drape.measures import count_folds, drape_coefficient
 from studies.drape.meshes import mesh_specimen
 
@@ -111,10 +112,12 @@ def tabulate_meshes(fabrics: list[str], disturbed: tuple[str, ...], h: float, ou
     rows: list[dict] = []
     for row in compare_meshes(fabrics, disturbed, h):
         rows.append(row)
-        write_table(rows, out / "meshes.csv")
+        write_csv(rows, out / "meshes.csv")
         values = (row[name] for name in COLUMNS)
         print(*(v if isinstance(v, str) else f"{v:.4g}" for v in values), sep="  ")
-    (out / "meshes.md").write_text(MESHES_HEAD + summarise(rows), encoding="utf-8")
+    (out / "meshes.md").write_text(
+        f"{MESHES_HEAD}{markdown_table(summarise(rows))}\n", encoding="utf-8"
+    )
     print(f"wrote {out / 'meshes.md'}")
 
 

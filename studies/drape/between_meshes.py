@@ -8,11 +8,10 @@ the first mesh, from flat starts with small random heights.
 
 from __future__ import annotations
 
-import csv
 import math
 import time
 from collections.abc import Iterator, Sequence
-from pathlib import Path
+from itertools import product
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
@@ -112,39 +111,30 @@ def spread(values: list[float]) -> float:
     return (max(values) - min(values)) / (sum(values) / len(values))
 
 
-def summarise(rows: list[dict]) -> str:
+def summarise(rows: list[dict]) -> list[dict]:
     """Return a line for each fabric and model: coefficients in %, spread, folds, seconds.
 
     – stands where `MOST` iterations did not come to rest.
     """
-    names = [*MESHES, QUADRATIC]
-    head = ["fabric", "model", *names, "spread of four", "folds", "CPU s", "of disturbed starts"]
-    lines = [head, ["---"] * len(head)]  # coefficients in %; seconds and folds on the four meshes
-    for fabric in dict.fromkeys(row["fabric"] for row in rows):
-        mine = [row for row in rows if row["fabric"] == fabric]
-        for model in (PLATE, HINGES):
-            lines.append(_line(fabric, model, [row for row in mine if row["model"] == model]))
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines).replace("nan", "–") + "\n"
+    lines = []
+    for fabric, model in product(dict.fromkeys(row["fabric"] for row in rows), (PLATE, HINGES)):
+        mine = [row for row in rows if (row["fabric"], row["model"]) == (fabric, model)]
+        on = {row["mesh"]: row for row in mine}
+        four = [on[name] for name in MESHES if name in on]
+        line = {"fabric": fabric, "model": model}
+        for name in (*MESHES, QUADRATIC):
+            line[name] = percent(on[name]["coefficient"]) if name in on else ""
+        line["spread of four"] = f"{percent(spread([row['coefficient'] for row in four]))} %"
+        line["folds"] = " ".join(f"{row['folds']:.0f}" for row in four)
+        line["CPU s"] = " ".join(f"{row['seconds']:.1f}" for row in four)
+        line["of disturbed starts"] = " ".join(
+            f"{percent(row['coefficient'])} ({row['folds']:.0f})"
+            for row in mine
+            if row["mesh"].startswith("disturbed")
+        )
+        lines.append({key: text.replace("nan", "–") for key, text in line.items()})
+    return lines
 
 
-def _line(fabric: str, model: str, rows: list[dict]) -> list[str]:
-    on = {row["mesh"]: row for row in rows}
-    four = [on[name] for name in MESHES if name in on]
-    percent = [f"{100 * on[name]['coefficient']:.1f}" if name in on else "" for name in MESHES]
-    percent.append(f"{100 * on[QUADRATIC]['coefficient']:.1f}" if QUADRATIC in on else "")
-    others = [row for row in rows if row["mesh"].startswith("disturbed")]
-    return [
-        *(fabric, model, *percent, f"{100 * spread([row['coefficient'] for row in four]):.1f} %"),
-        " ".join(f"{row['folds']:.0f}" for row in four),
-        " ".join(f"{row['seconds']:.1f}" for row in four),
-        " ".join(f"{100 * row['coefficient']:.1f} ({row['folds']:.0f})" for row in others),
-    ]
-
-
-def write_table(rows: list[dict], file: Path) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("w", newline="", encoding="utf-8") as out:
-        table = csv.DictWriter(out, COLUMNS)
-        table.writeheader()
-        for row in rows:
-            table.writerow(row | {k: f"{row[k]:.4g}" for k in ("coefficient", "seconds")})
+def percent(part: float) -> str:
+    return f"{100 * part:.1f}"

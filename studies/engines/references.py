@@ -7,10 +7,8 @@ of one law, its difference from linear force over stretch is in the uncertainty.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +16,9 @@ from scipy.optimize import brentq
 
 from studies.references import closed_forms, falling_disk
 from studies.references.elastica import heavy_elastica
+from studies.validation.comparison import Comparison, read_comparisons
+from studies.validation.pages import DATA, read_columns
 
-DATA = Path(__file__).parents[1] / "validation" / "data"
 GRAVITY = 9.81
 Said = Mapping[str, Any]
 
@@ -128,7 +127,8 @@ def nylon(said: Said) -> tuple[float, float]:
     The first point of the curve has the force F₀: the strip is taut before it by F₀ over the mean
     slope. Uncertain are forces by 2 % and the slack by 0.46 N (studies/validation/nylon).
     """
-    extension, force = _curve("farrell_2025_tension_30.csv")
+    columns = read_columns(DATA / "farrell_2025_tension_30.csv")
+    extension, force = columns["extension [mm]"], columns["force [N]"]
     slope = (force[-1] - force[0]) / (extension[-1] - extension[0])
     value = 1e-3 * (extension[-1] + force[0] / slope)
     return value, value * math.hypot(0.02, 0.46 / force[-1])
@@ -137,13 +137,13 @@ def nylon(said: Said) -> tuple[float, float]:
 def knit(said: Said) -> tuple[float, float]:
     """The narrowing of stockinette along the course at 12.5 % (Singal et al., 2024)."""
     row = _prediction("knits", "stockinette, course", "narrowing at 12.5 %")
-    return 1e-3 * row["measured"], 1e-3 * row["total"]
+    return 1e-3 * row.measured, 1e-3 * row.total
 
 
 def drape(said: Said) -> tuple[float, float]:
     """The drape coefficient of a wool tropical (Matsudaira et al., 2015)."""
     row = _prediction("drape", "wool tropical", "drape coefficient, elastic")
-    return row["measured"], math.hypot(row["scatter"], row["input"])
+    return row.measured, math.hypot(row.scatter, row.input)
 
 
 CASES: dict[str, Callable[[Said], tuple[Any, float]]] = {
@@ -167,16 +167,7 @@ def _overhang(said: Said) -> tuple[float, float, float]:
     return mesh["width"] + mesh["corner"][0], fabric["areal_density"], fabric["bending_rigidity"]
 
 
-def _curve(name: str) -> np.ndarray:
-    """Return the columns of measured data."""
-    lines = [line for line in (DATA / name).read_text().splitlines() if not line.startswith("#")]
-    return np.loadtxt(lines[1:], delimiter=",").T
-
-
-def _prediction(folder: str, specimen: str, quantity: str) -> dict[str, float]:
-    """Return the numbers of a row of studies/validation/FOLDER/comparison.csv."""
-    with (DATA.parent / folder / "comparison.csv").open(newline="") as file:
-        for row in csv.DictReader(file):
-            if (row["specimen"], row["quantity"]) == (specimen, quantity):
-                return {key: float(row[key]) for key in ("measured", "total", "scatter", "input")}
-    raise ValueError(f"{folder}: {specimen}, {quantity} is not there")
+def _prediction(folder: str, specimen: str, quantity: str) -> Comparison:
+    """Return a row of studies/validation/FOLDER/comparison.csv."""
+    rows = read_comparisons(DATA.parent / folder / "comparison.csv")
+    return next(row for row in rows if (row.specimen, row.quantity) == (specimen, quantity))

@@ -12,7 +12,6 @@ are farther apart than the clamps are wide: the specimen is taken as wide as its
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 import time
@@ -25,8 +24,7 @@ import fecloth as fc
 from fecloth.simulation.load_steps import LoadSteps
 from studies import harness
 from studies.fit.specimens import rectangle
-from studies.fit.twins import fit_quietly
-from studies.validation.pages import DATA
+from studies.validation.pages import DATA, quietly, read_columns
 
 KNITS = "stockinette", "garter"
 PARTS = 0.1, 0.25, math.inf  # of the clamps' first distance
@@ -57,9 +55,8 @@ def read(knit: str, direction: str, part: float) -> tuple[dict[str, list[float]]
     text = path.read_text(encoding="utf-8")
     match = re.search(r"width at the clamp ([\d.]+) mm", text)
     assert match
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
-    rows = [[float(cell) for cell in line] for line in csv.reader(lines[1:])]
-    table = np.array([[row[0], row[1], 1e-3 * row[2], 5e-4 * row[4]] for row in rows])
+    columns = np.array(list(read_columns(path).values()))
+    table = (columns[[0, 1, 2, 4]] * [[1.0], [1.0], [1e-3], [5e-4]]).T
     groups = [table[table[:, 0] == number] for number in np.unique(table[:, 0])]
     length = float(np.mean([group[0, 2] for group in groups]))
     across = float(np.mean([group[0, 3] for group in groups]))
@@ -98,7 +95,7 @@ def fit_knit(knit: str, part: float, cells: int, steps: int) -> tuple[dict, fc.F
     """Fit a part of both curves of a knit."""
     begin = time.process_time()
     experiments = [experiment(knit, direction, part, cells, steps) for direction in ALONG]
-    answer = fit_quietly(experiments, START, refined=steps == STEPS)
+    answer = quietly(fc.fit, experiments, START, refined=steps == STEPS)
     row: dict = {"knit": knit, "up to": "the end" if math.isinf(part) else f"{100 * part:.0f} %"}
     for name, value in answer.values.items():
         half = (answer.intervals[name][1] - answer.intervals[name][0]) / 2

@@ -43,53 +43,32 @@ def pull(h, warp=1e3, weft=1e3, shear=100.0, poisson=0.2, angle=0.0, pattern="ri
     At an angle the clamps hold the strip along its pull only. Its strain is uniform then; between
     rigid clamps it is singular at the corners, and its mesh error falls as the root of h only.
     """
-    more = {"angle": angle, "sliding": angle != 0, "pattern": pattern, "element": element}
-    return pull_with_more(h, warp, weft, shear, poisson, **more)
-
-
-def pull_with_more(
-    h, warp=1e3, weft=1e3, shear=100.0, poisson=0.2, bending=None, damping=None, angle=0.0,
-    sliding=True, pattern="right", element="P2",
-):  # fmt: skip
-    """A strip in tension with constants that it does not tell."""
     cloth = rectangle(LENGTH, WIDTH, h, pattern, element)
-    fabric = fc.Fabric(DENSITY, (warp, weft), poisson, shear, bending)
-    terms = [fc.StVK()]
-    terms += [fc.PlateBending()] if bending else []
-    terms += [fc.StrainRateDamping(damping)] if damping else []
     pins = [fc.Pin("left"), fc.Pin("right")]
-    if sliding:
+    if angle:
         across = {"direction": (0, 1, 0)}
         corner = fc.Pin(lambda X: X[:, 0] + X[:, 1] < 1e-9, name="corner")
         rest = fc.Slide(lambda X: (X[:, 0] < 1e-9) & (X[:, 1] > 1e-9), name="left", **across)
         pins = [corner, rest, fc.Slide("right", **across)]
-    system = fc.System(cloth, fabric, terms, pins, grain=angle)
+    fabric = fc.Fabric(DENSITY, (warp, weft), poisson, shear)
+    system = fc.System(cloth, fabric, [fc.StVK()], pins, grain=angle)
     return cloth, system, None, system.state(system.rest().x * [1.0 + EXTENSION, 1.0, 1.0])
 
 
 def hang(h, bending=1e-5, length=0.1, pattern="right", element="P2"):
     """A strip, clamped level, that hangs under its weight; h is a part of its length."""
-    return hang_with_more(h, bending, length=length, pattern=pattern, element=element)
-
-
-def hang_with_more(
-    h, bending=1e-5, across=None, density=DENSITY, drag=0.0, length=0.1,
-    pattern="right", element="P2",
-):  # fmt: skip
-    """A strip that hangs with constants that it does not tell, as its rigidity `across`."""
     cloth = rectangle(length, 0.25 * length, h * length, pattern, element)
-    rigidity = (bending, across) if across else bending
-    fabric = fc.Fabric(density, TENSILE, bending_rigidity=rigidity)
-    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), *([fc.Drag(drag)] if drag else [])]
+    fabric = fc.Fabric(DENSITY, TENSILE, bending_rigidity=bending)
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity()]
     system = fc.System(cloth, fabric, terms, [fc.Pin("left", clamp=True)])
     x, y = cloth.X.T
     return cloth, system, None, system.state(np.column_stack([x, y, -0.3 * x**2 / length]))
 
 
-def bounce(h, dt, warp=1000.0, damping=1e-3, density=DENSITY, pattern="right", element="P1"):
+def bounce(h, dt, warp=1000.0, damping=1e-3, pattern="right", element="P1"):
     """A strip of 1 m that was drawn along its warp and is let go: it swings in its own plane."""
     cloth = rectangle(1.0, 0.125, h, pattern, element)
-    fabric = fc.Fabric(density, (warp, warp), 0.0, 100.0)
+    fabric = fc.Fabric(DENSITY, (warp, warp), 0.0, 100.0)
     system = fc.System(cloth, fabric, [fc.StVK(), fc.StrainRateDamping(damping)], ["left"])
     x = system.rest().x
     x[:, 0] += 0.0127 * np.sin(np.pi / 2 * x[:, 0])  # 2 % at the clamp

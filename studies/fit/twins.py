@@ -13,12 +13,9 @@ on P1 only: there only the mesh and the step differ.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import math
 import time
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +25,7 @@ import fecloth as fc
 from fecloth import study
 from studies import harness
 from studies.fit import draws
+from studies.validation.pages import quietly
 
 COVERED = 0.9  # of the twins, for each constant by itself
 NOISE = 0.01, 0.05
@@ -44,18 +42,12 @@ def solve(seed: int, number: int, tests: list[str], constants: list[str]) -> dic
     known = draws.make_tests(truth, swapped=bool(number % 2))
     experiments = [known[name].experiment(truth, constants, noise, rng) for name in tests]
     begin = time.process_time()
-    answer = fit_quietly(experiments, {name: start[name] for name in constants})
+    answer = quietly(fc.fit, experiments, {name: start[name] for name in constants})
     row = {"noise": noise, "misfit": answer.misfit, "law fails": answer.law_fails}
     row |= {"resolved": answer.resolved, "cpu": time.process_time() - begin}
     for name in constants:
         row |= _compare(name, truth[name], start[name], answer)
     return row
-
-
-def fit_quietly(experiments: Sequence[fc.Experiment], start: Mapping[str, float], **more: Any):
-    """`fc.fit` without its progress lines."""
-    with contextlib.redirect_stderr(io.StringIO()), warnings.catch_warnings(action="ignore"):
-        return fc.fit(experiments, start, **more)
 
 
 def _compare(name: str, truth: float, start: float, answer) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from fecloth import study
 from studies import harness
-from studies.models.cases import ANGLES, FABRIC, PATTERNS, hinge, run
+from studies.models.cases import FABRIC, PATTERNS, hinge, run
 from studies.models.findings import (
     NAMES,
     SCENES,
@@ -89,7 +89,7 @@ def cost_table(rows: Rows) -> Rows:
             )
             line = {"model": model, "h": row["h"], "CPU ms per step": row["value"]}
             line |= {"over StVK": row["value"] / unit["value"], "Newton": row["newton"]}
-            table.append(line | {"compiling and loading [s]": row["compile_seconds"]})
+            table.append(line)
     return table
 
 
@@ -129,37 +129,6 @@ def draw_refinement(out, rows: Rows) -> None:
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
-def draw_roses(out, rows: Rows) -> None:
-    """Draw the stiffness against the direction of the pull, a panel for each pattern."""
-    polar = {"subplot_kw": {"projection": "polar"}, "panels": (2, 2), "size": (9.0, 6.0)}
-    with harness.figure(out, "roses", log=False, **polar) as (figure, axes):
-        for ax, pattern in zip(axes.ravel(), PATTERNS, strict=True):
-            for i, model in enumerate(NAMES):
-                for row in select_rows(rows, "rose", model, pattern)[-1:]:
-                    radius = np.array(row["measured"]) / FABRIC.tensile[0]
-                    look = {**study.line_style(i), "markevery": (i % 6, 6), "label": model}
-                    ax.plot(np.radians(ANGLES), radius, **look)
-            title = f"{pattern}: stiffness / Y"
-            ax.set(thetamin=0, thetamax=180, ylim=(0, 1.4), title=title)
-            ax.set_rgrids((0.5, 1.0), fontsize=9)
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-
-
-def draw_hinges(out, hinges: Rows) -> None:
-    """Draw B_eff/B of a cantilever strip against its resolution, derived values as lines."""
-    labels = ("edges along the strip [-]", "B_eff / B [-]")
-    with harness.figure(out, "hinges", *labels, log=False) as (figure, ax):
-        harness.draw_lines(ax, hinges, x="along", y="value", by="pattern", legend=False)
-        for i, pattern in enumerate(PATTERNS):
-            for row in [r for r in hinges if r["pattern"] == pattern and "narrow" in r][:1]:
-                for limit, dashes in ((row["narrow"], ":"), (row["wide"], "--")):
-                    ax.axhline(limit, color=study.COLOURS[i], lw=1, ls=dashes)
-        ax.axhline(1.0, color="black", lw=1)
-        title = "derived for infinite patterns: narrow strips dotted, wide ones dashed"
-        ax.set(xscale="log", title=title)
-        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-
-
 def main() -> int:
     options = harness.parse_arguments(__doc__)
     running = harness.run_options(options)
@@ -174,8 +143,6 @@ def main() -> int:
     hinges = study.run_cases(strips, hinge, **running, time_limit=120)
     harness.require_results(options, TITLE, rows)
     draw_refinement(options.out, rows)
-    draw_roses(options.out, rows)
-    draw_hinges(options.out, hinges)
     tables = {f"{scene}: {what}": limits_table(rows, scene) for scene, what in SCENES.items()}
     tables |= {"Stiffness against the direction of a pull": direction_table(rows)}
     tables |= {
@@ -188,7 +155,7 @@ def main() -> int:
         TITLE,
         rows + [{"scene": "hinge", **row} for row in hinges],
         tables=tables,
-        figures=("refinement", "roses", "hinges"),
+        figures=("refinement",),
         findings=conclude(rows, hinges),
         conclusion=describe_result(rows),
         settings={"fabric": FABRIC},

@@ -2,7 +2,7 @@
 
 * `square_deflection`, `square_frequencies`: Ritz's method with polynomials for a square plate.
 * `disk_deflection`: closed form of a clamped disk.
-* `heavy_strip`, `beam_of_two`: ordinary differential equations of strips.
+* `beam_of_two`: the ordinary differential equation of a strip.
 
 D (3, 3) is the bending stiffness [N m] on (κ₁₁, κ₂₂, 2κ₁₂), along the sides of the square.
 """
@@ -14,7 +14,6 @@ from functools import cache
 import numpy as np
 import scipy.linalg
 from numpy.polynomial import Legendre, Polynomial
-from scipy.integrate import solve_bvp
 
 EDGES = {"free": 0, "supported": 1, "clamped": 2}  # powers of 1 − s² in the shape functions
 DEGREE = 18
@@ -76,35 +75,6 @@ def disk_deflection(X: np.ndarray, D: float) -> np.ndarray:
     Source: Timoshenko and Woinowsky-Krieger (1959), Theory of Plates and Shells, section 16.
     """
     return (1 - np.minimum((X**2).sum(axis=1), 1.0)) ** 2 / (64 * D)
-
-
-@cache
-def heavy_strip(weight: float, stiffness: float) -> float:
-    """Return drop over width of a strip of length 1 that is clamped level and hangs.
-
-    `weight` is Γ = ρ g L³/B, `stiffness` Y L²/B. At the distance s the part beyond pulls with
-    Γ (1 − s). With the angle ψ below the horizontal it stretches the strip by
-    ε = Γ (1 − s) sin ψ/Y and bends it: ψ″ = −(1 + ε) Γ (1 − s) cos ψ, ψ(0) = ψ′(1) = 0. Right to
-    the first order in ε.
-    """
-
-    def pull_and_stretch(s, angle, load):
-        return load * (1 - s), 1 + load * (1 - s) * np.sin(angle) / stiffness
-
-    s, y = np.linspace(0, 1, 201), np.zeros((2, 201))
-    for load in np.geomspace(1.0, weight, 5):
-
-        def slopes(s, y, load=load):
-            pull, length = pull_and_stretch(s, y[0], load)
-            return [y[1], -length * pull * np.cos(y[0])]
-
-        solved = solve_bvp(slopes, lambda a, b: [a[0], b[1]], s, y, tol=1e-10, max_nodes=10**5)
-        y = solved.sol(s)
-    points, weights = np.polynomial.legendre.leggauss(60)
-    s = 0.5 + 0.5 * points
-    angle = solved.sol(s)[0]
-    weights = weights * pull_and_stretch(s, angle, weight)[1]
-    return float(weights @ np.sin(angle) / (weights @ np.cos(angle)))
 
 
 def beam_of_two(X: np.ndarray, first: float, second: float, at: float = 0.5) -> np.ndarray:

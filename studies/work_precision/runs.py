@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 import fecloth as fc
 from fecloth import study
@@ -80,10 +81,7 @@ def march(problem: Scene, method, dt: float | None, linear: str, t_end: float) -
         rates.append(problem.values_of(state.v))
         if steps % 64 == 0:
             study.check_time_limit()
-    paths = [
-        offset[i] + hermite(times, np.array(values)[:, i], np.array(rates)[:, i], problem.times)
-        for i in (0, 1)
-    ]
+    paths = offset[:, None] + CubicHermiteSpline(times, values, rates)(problem.times).T
     forces = problem.system.calls[0] + (steps if counts.newton else 0)  # the first residual's
     return paths, run_counts(steps, counts.newton, counts.linear, counts.factorisations, forces)
 
@@ -123,23 +121,6 @@ def run_counts(steps=0, newton=0, linear=0, factorisations=0, forces=None) -> di
         "factorisations": factorisations,
         "force_evaluations": forces,
     }
-
-
-def hermite(t, q, rate, at: np.ndarray) -> np.ndarray:
-    """Return the cubic Hermite interpolant of values q and rates at the times `at`.
-
-    Examples
-    --------
-    >>> t = np.array([0.0, 1.0, 3.0])
-    >>> float(hermite(t, t**3, 3 * t**2, np.array([2.0]))[0])
-    8.0
-    """
-    t = np.asarray(t)
-    i = np.clip(np.searchsorted(t, at) - 1, 0, len(t) - 2)
-    d = t[i + 1] - t[i]
-    s = (at - t[i]) / d
-    ends = (1 + 2 * s) * (1 - s) ** 2 * q[i] + s * s * (3 - 2 * s) * q[i + 1]
-    return ends + d * s * (1 - s) * ((1 - s) * rate[i] - s * rate[i + 1])
 
 
 def make_method(method: str, step: float | None):

@@ -125,17 +125,6 @@ def test_the_constants_give_the_force_of_the_preset(name):
 # --- pages and the command ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["interlock", "swimwear", "denim-wang"])
-def test_the_table_of_the_study_has_these_forces(name):
-    page = (ROOT / "studies" / "evidence" / "laws" / "wang.md").read_text(encoding="utf-8")
-    rows = re.findall(rf"^\| {name} \| (\S+) \| (.*) \|$", page, re.MULTILINE)
-    assert [along for along, _ in rows] == list(strips.ALONG)
-    for along, cells in rows:
-        pairs = [strips.compare(stretching(name), strain, along) for strain in (0.05, 0.2)]
-        expected = [text for f, off in pairs for text in (f"{f:.1f}", f"{100 * off:+.0f} %")]
-        assert cells.split(" | ")[:4] == expected
-
-
 def test_the_page_of_fabrics_says_how_far_the_constants_are_off():
     page = (ROOT / "fecloth" / "fabric" / "README.md").read_text(encoding="utf-8")
     page = " ".join(page.split())

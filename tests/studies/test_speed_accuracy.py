@@ -10,7 +10,7 @@ from fecloth.study.status import attempt
 from studies.references.continuum import _pull, swinging_chain
 from studies.work_precision.__main__ import add_errors, distance, mark_failed
 from studies.work_precision.figures import front
-from studies.work_precision.runs import hermite, run
+from studies.work_precision.runs import run
 from studies.work_precision.scenes import SCENES
 from studies.work_precision.tables import cheapest
 
@@ -62,13 +62,6 @@ def test_a_stiff_chain_falls_as_a_rod(monkeypatch):
         atol=1e-12,
     )
     np.testing.assert_allclose(deep, SWING * np.sin(fall.y[0]), atol=2e-3 * SWING)
-
-
-def test_hermite_is_exact_for_cubics():
-    t = np.array([0.0, 0.3, 1.0, 1.1])
-    at = np.array([0.0, 0.1, 0.3, 0.9, 1.1])
-    cubic, slope = (lambda s: 2 - s + 3 * s**3), (lambda s: -1 + 9 * s**2)
-    np.testing.assert_allclose(hermite(t, cubic(t), slope(t), at), cubic(at), rtol=1e-14)
 
 
 def test_a_run_of_every_kind_ends_at_the_same_path():

@@ -83,7 +83,7 @@ def test_workers_that_cannot_import_the_studies_run_their_cases(cluster, tmp_pat
     command = [
         sys.executable,
         "-m",
-        "studies.evidence.models.elastica",
+        "studies.evidence.convergence.catalogue",
         "--quick",
         "--out",
         str(out),
@@ -93,7 +93,7 @@ def test_workers_that_cannot_import_the_studies_run_their_cases(cluster, tmp_pat
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert ": ok" in done.stderr
-    assert "<= 0.003: met" in (out / "report.md").read_text(encoding="utf-8")
+    assert "are covered: 1 >= 0.95: met" in (out / "report.md").read_text(encoding="utf-8")
     monkeypatch.setattr("fecloth.study.cases.source_hash", lambda file: "another text")
     with pytest.raises(
         InputError, match=r"tcp://.*: has other sources of fecloth .*start it again"

@@ -2,12 +2,7 @@
 
 import numpy as np
 import pytest
-
-import fecloth as fc
-from fecloth.cli.main import main
-from fecloth.simulation.setup import Setup
-from fecloth.study.graded_meshes import choose_gradings
-from studies.evidence.convergence.singular_corners import (
+from support.singular_corners import (
     CORNER,
     FABRIC,
     SMALL,
@@ -16,6 +11,11 @@ from studies.evidence.convergence.singular_corners import (
     hanging_l,
     taut_l,
 )
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.simulation.setup import Setup
+from fecloth.study.graded_meshes import choose_gradings
 
 pytestmark = pytest.mark.stories
 

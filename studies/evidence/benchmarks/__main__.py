@@ -8,25 +8,18 @@ many short repeats, and divided by the time of a reference kernel of the same ru
 in its plainest form, which never changes. So these ratios can be compared between machines and
 between years; the file has them, with the commit and the machine.
 
---against takes a commit, a folder that holds fecloth/, or such a file. A commit and a folder run in
-a process of their own, in turns with this tree, so that other work on the machine disturbs little.
-A file is compared by its ratios to the reference kernel.
+--against takes a commit, or a folder that holds fecloth/. It runs in a process of its own, in turns
+with this tree, so that other work on the machine disturbs little.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
-import platform
 from contextlib import ExitStack
 from datetime import date
 from pathlib import Path
 
-import numba
-import numpy as np
-
-from fecloth.errors import InputError
 from studies import harness
 from studies.evidence.benchmarks.parts import program
 from studies.evidence.benchmarks.trees import OWN, Child, git, tree_of
@@ -62,34 +55,11 @@ def record(times: Times, triangles: int) -> dict:
     return {
         "commit": git("describe", "--always", "--dirty").decode().strip(),
         "date": date.today().isoformat(),
-        "machine": machine(),
+        "machine": harness.hardware(),
         "triangles": triangles,
         "reference [ns per triangle]": round(1e9 * times[REFERENCE], 3),
         "over reference": {name: round(value, 4) for name, value in relative(times).items()},
     }
-
-
-def machine() -> dict:
-    """Return the processor and the versions that matter."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return {
-        "processor": models[0] if models else platform.processor(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "numba": numba.__version__,
-    }
-
-
-def read_record(path: Path) -> Times:
-    """Return the ratios of a file; raise `InputError` if it is no such file."""
-    try:
-        return json.loads(path.read_text())["over reference"]
-    except (OSError, ValueError, KeyError) as error:
-        what, allowed = f"--against {path}", "must be a file of this command"
-        raise InputError(what, allowed, "", "Write one with -o.") from error
 
 
 def print_table(times: Times, others: Times) -> None:
@@ -98,7 +68,7 @@ def print_table(times: Times, others: Times) -> None:
     ratios = {}
     for name, over in relative(times).items():
         if name in others:
-            ratios[name] = over / others[name]
+            ratios[name] = times[name] / others[name]
         last = f"{ratios[name]:>8.3f}" if name in ratios else f"{'new' if others else '':>8}"
         print(f"{name:<26} {1e9 * times[name]:>11.1f} {over:>11.3f} {last}")
     gone = sorted(set(others) - set(times))
@@ -111,7 +81,7 @@ def print_table(times: Times, others: Times) -> None:
 
 def main() -> None:
     parser = harness.Parser(description=__doc__)
-    parser.add_argument("--against", metavar="COMMIT", help="commit, folder or file")
+    parser.add_argument("--against", metavar="COMMIT", help="commit or folder")
     parser.add_argument("--output", "-o", type=Path, metavar="FILE", help="where the ratios go")
     parser.add_argument("--triangles", type=int, default=8_000)
     parser.add_argument("--rounds", type=int, default=20, help="repeats of every part (20)")
@@ -119,13 +89,9 @@ def main() -> None:
     options = parser.parse_args()
     triangles, rounds = (200, 1) if options.quick else (options.triangles, options.rounds)
     cells = round(math.sqrt(triangles / 2))
-    is_file = options.against is not None and options.against.endswith(".json")
-    trees = [OWN] if options.against is None or is_file else [OWN, tree_of(options.against)]
+    trees = [OWN, *([tree_of(options.against)] if options.against else [])]
     times, *rest = measure(trees, cells, rounds)
-    others = read_record(Path(options.against)) if is_file else {}
-    if rest:  # of the same run: no need to go through the reference
-        others = {name: time / times[REFERENCE] for name, time in rest[0].items()}
-    print_table(times, others)
+    print_table(times, rest[0] if rest else {})
     found = record(times, 2 * cells**2)
     path = options.output or OWN / "out" / "benchmarks" / f"{found['commit']}.json"
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -23,7 +23,7 @@ from fecloth.scene.scene import load_scene
 from fecloth.study.result import markdown_table
 from studies import harness
 from studies.evidence.benchmarks import step_costs
-from studies.evidence.benchmarks.measure import FABRIC, SCENES, Measured, print_verdicts, square
+from studies.evidence.benchmarks.measure import FABRIC, SCENES, square
 
 SOLVERS = ("multigrid", "pardiso", "pcg")
 MEAN, WORST = 1.15, 1.4  # limits of the ratio
@@ -162,11 +162,12 @@ def main() -> int:
     print(markdown_table(rows), end="\n\n")
     ratios = [row["auto / best"] for row in rows]
     mean = math.exp(sum(map(math.log, ratios)) / len(ratios))
-    figures = [
-        Measured("auto over the best, geometric mean", mean, "ratio", MEAN),
-        Measured("auto over the best, the worst run", max(ratios), "ratio", WORST),
+    findings = [
+        harness.Finding("auto over the best, geometric mean", mean, high=MEAN),
+        harness.Finding("auto over the best, the worst run", max(ratios), high=WORST),
     ]
-    return print_verdicts([lambda: figures], options.quick)
+    print(*findings, sep="\n")
+    return 0 if options.quick or all(finding.is_met for finding in findings) else 1
 
 
 if __name__ == "__main__":

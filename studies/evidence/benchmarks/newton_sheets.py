@@ -24,7 +24,6 @@ import numpy as np
 
 from fecloth.study.result import markdown_table
 from studies import harness
-from studies.evidence.benchmarks.measure import Measured, print_verdicts
 from studies.evidence.benchmarks.trees import OWN, Child, tree_of
 
 FABRICS = ("interlock", "denim-wang", "cotton")
@@ -120,15 +119,15 @@ def run_all(other: Path, fabrics: tuple[str, ...], h: float, steps: int) -> list
     return rows
 
 
-def verdicts(rows: list[dict]) -> list[Measured]:
+def verdicts(rows: list[dict]) -> list[harness.Finding]:
     """Return the figures that are required."""
     ratios = [row["ratio"] for row in rows]
     mean = math.exp(sum(map(math.log, ratios)) / len(ratios))
     return [
-        Measured("CPU time, geometric mean", mean, "ratio", MEAN),
-        Measured("CPU time, the worst sheet", max(ratios), "ratio", WORST),
-        Measured(
-            "error, the worst sheet", max(row["error, ratio"] for row in rows), "ratio", ERROR
+        harness.Finding("CPU time, geometric mean", mean, high=MEAN),
+        harness.Finding("CPU time, the worst sheet", max(ratios), high=WORST),
+        harness.Finding(
+            "error, the worst sheet", max(row["error, ratio"] for row in rows), high=ERROR
         ),
     ]
 
@@ -141,7 +140,9 @@ def main() -> int:
     sizes = (FABRICS[:1], 0.1, 10) if options.quick else (FABRICS, 0.0245, 30)
     rows = run_all(tree_of(options.tree), *sizes)
     print(markdown_table(rows), end="\n\n")
-    return print_verdicts([lambda: verdicts(rows)], options.quick)
+    findings = verdicts(rows)
+    print(*findings, sep="\n")
+    return 0 if options.quick or all(finding.is_met for finding in findings) else 1
 
 
 if __name__ == "__main__":

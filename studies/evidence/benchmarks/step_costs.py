@@ -1,8 +1,6 @@
 """Cost of a step against the number of triangles, for every solver, explicit and implicit.
 
-    python -m studies.evidence.benchmarks.step_costs [--quick] [--sizes N ...] [--out FOLDER]
-
-With --sizes the other rows come from step_costs.csv in the folder, if there is one.
+    python -m studies.evidence.benchmarks.step_costs [--quick] [--out FOLDER]
 
 A square sheet, held at two corners, has fallen for 0.4 s on 8,000 triangles. Its motion is
 interpolated to the other meshes and goes on there, after two steps that settle it. Implicit steps
@@ -16,7 +14,6 @@ blocks of the tangent; conjugate gradients read it in each of their iterations.
 
 from __future__ import annotations
 
-import csv
 import time
 from pathlib import Path
 
@@ -26,9 +23,9 @@ from scipy.interpolate import CloughTocher2DInterpolator, NearestNDInterpolator
 
 import fecloth as fc
 from fecloth import study
-from fecloth.study.result import Table, markdown_table
+from fecloth.study.result import markdown_table, write_csv
 from studies import harness
-from studies.evidence.benchmarks.measure import fastest, square
+from studies.evidence.benchmarks.measure import square
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 DT = 5e-3
@@ -106,7 +103,7 @@ def triad(a, b, c):
 def bandwidth() -> float:
     """Return the bytes a second that one thread moves."""
     a, b, c = (np.ones(8_000_000) for _ in range(3))
-    return 3 * a.nbytes / fastest(lambda: triad(a, b, c))
+    return 3 * a.nbytes / harness.measure_seconds(lambda: triad(a, b, c), 7).wall
 
 
 def bytes_moved(system: fc.System) -> tuple[int, int]:
@@ -126,8 +123,8 @@ def explicit_step(system: fc.System, state: fc.State, work: int) -> tuple[float,
     few = min(500, max(8, work // len(system.cloth.triangles)))
 
     def run(count: int) -> float:
-        clock, end = time.process_time, state.t + count * dt
-        return fastest(lambda: fc.run(system, method, state, dt, end), 2, clock)
+        end = state.t + count * dt
+        return harness.measure_seconds(lambda: fc.run(system, method, state, dt, end), 2).cpu
 
     return (run(4 * few) - run(few)) / (3 * few), dt
 
@@ -147,18 +144,6 @@ def costs_of(
     return row | dict(zip(ALLOWED, (size / moved for size in bytes_moved(system)), strict=True))
 
 
-def kept_rows(file: Path, sizes: list[int]) -> list[dict]:
-    """Return the rows of a table whose sizes are none of these."""
-    if not file.exists():
-        return []
-    with file.open(newline="") as lines:
-        rows = [
-            {k: float(v) if v else None for k, v in row.items()} for row in csv.DictReader(lines)
-        ]
-    kept = [row for row in rows if all(abs(row["triangles"] / size - 1) > 0.2 for size in sizes)]
-    return [row | {"triangles": int(row["triangles"])} for row in kept]
-
-
 def draw(rows: list[dict], out: Path) -> None:
     """Draw the cost of a step against triangles."""
     series = [*LARGEST, *EXPLICIT]
@@ -174,12 +159,10 @@ def draw(rows: list[dict], out: Path) -> None:
 
 
 def main() -> int:
-    more = {"type": int, "nargs": "+", "default": SIZES, "metavar": "N", "help": "of the meshes"}
-    options = harness.parse_arguments(__doc__, sizes=more)
-    sizes, count, work = (options.sizes, 3, 1_000_000)
+    options = harness.parse_arguments(__doc__)
+    sizes, count, work = (SIZES, 3, 1_000_000)
     if options.quick:
         sizes, count, work = ((500, 2_000), 1, 20_000)
-    file = options.out / "step_costs.csv"
     start = fallen(500, 0.1) if options.quick else fallen(8_000, 0.4)
     moved, rows = bandwidth(), list[dict]()
     print(f"one thread moves {1e-9 * moved:.1f} GB/s", flush=True)
@@ -187,9 +170,7 @@ def main() -> int:
         rows.append(costs_of(triangles, start, moved, count, work))
         words = ", ".join(f"{k} {v:.3g}" for k, v in rows[-1].items())
         print(words, flush=True)
-    options.out.mkdir(parents=True, exist_ok=True)
-    rows = sorted([*rows, *kept_rows(file, sizes)], key=lambda row: row["triangles"])
-    Table(tuple(rows)).to_csv(file)
+    write_csv(rows, options.out / "step_costs.csv")
     draw(rows, options.out)
     print(markdown_table(rows))
     return 0

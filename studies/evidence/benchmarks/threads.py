@@ -1,6 +1,6 @@
 """What several threads gain: each loop and whole steps, on one thread and on all.
 
-    python -m studies.evidence.benchmarks.threads [--only TEXT] [--quick] [--busy [N]]
+    python -m studies.evidence.benchmarks.threads [--only TEXT] [--quick]
 
 Prints a table in Markdown for 50,000 triangles (`threads.md` has one), and the load of the machine
 before and after. One thread, all and "auto", the default of `System`, which measures both, take
@@ -8,10 +8,6 @@ turns, and the fastest of many rounds counts, as other work on the machine can o
 column is the median over the rounds of "auto" over the better of both, which is the one with the
 lesser median: calls of one round meet about the same other work. The copy of a long array shows
 what the memory allows.
-
---busy first starts N processes, as many as there are cores if no number is given, which do nothing
-but take time. It compares the sums over many steps: "auto" must not exceed the better of one thread
-and all by 10 %, and another 5 % are allowed for the noise of such a machine.
 """
 
 from __future__ import annotations
@@ -22,12 +18,9 @@ import sys
 if "numba" not in sys.modules:  # before fecloth.study, which allows one thread only
     os.environ["NUMBA_NUM_THREADS"] = str(len(os.sched_getaffinity(0)))
 
-import multiprocessing
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import partial
 
 import numba
 import numpy as np
@@ -41,11 +34,9 @@ from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.terms.loops.shared_loop import SharedLoop
 from studies import harness
-from studies.evidence.benchmarks.measure import Measured, print_verdicts
 
 ALL = max(2, numba.config.NUMBA_NUM_THREADS)
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
-COST, NOISE = 1.1, 0.05  # what "auto" may take on a busy machine, and equal measurements differ by
 Call = Callable[[], object]
 P1 = {
     "StVK": fc.StVK(),
@@ -188,65 +179,14 @@ def rows(triangles: int, rounds: int, few: bool, only: str) -> Iterator[tuple[st
         yield name, 1e3 / units * take_turns(calls, rounds)
 
 
-# --- a busy machine -------------------------------------------------------------------------------
-
-
-def _burn() -> None:
-    while True:
-        sum(range(10_000))
-
-
-@contextmanager
-def competitors(count: int) -> Iterator[None]:
-    """Let processes take time inside."""
-    processes = [multiprocessing.Process(target=_burn, daemon=True) for _ in range(count)]
-    for process in processes:
-        process.start()
-    try:
-        yield
-    finally:
-        for process in processes:
-            process.terminate()
-
-
-def busy(triangles: int, steps: int, only: str) -> list[Measured]:
-    """Compare the seconds of all steps with "auto" to the better of one thread and all."""
-    cloth = cloth_of(triangles)
-    jobs = {
-        "explicit steps": explicit(cloth, ELASTIC, 32),
-        "implicit steps by PCG": implicit(cloth, "pcg"),
-        "implicit steps by multigrid": implicit(cloth, "multigrid"),
-    }
-    measured = []
-    for name, make in jobs.items():
-        if only not in name:
-            continue
-        calls = [make(threads) for threads in (1, ALL, "auto")]
-        total = np.zeros(3)
-        for turn in range(steps + 1):
-            for i, call in enumerate(calls):
-                begin = time.perf_counter()
-                call()
-                total[i] += (turn > 0) * (time.perf_counter() - begin)
-        print(f"{name}: {ALL} threads over one {total[1] / total[0]:.2f}", flush=True)
-        ratio = total[2] / min(total[:2])
-        measured.append(Measured(f"{name}: auto over the better", ratio, "ratio", COST + NOISE))
-    return measured
-
-
 def main() -> int:
     parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     cores = len(os.sched_getaffinity(0))
-    parser.add_argument("--busy", type=int, nargs="?", const=cores, metavar="N")
     parser.add_argument("--only", default="", metavar="TEXT", help="rows with this in their name")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     triangles, rounds = (2000, 3) if options.quick else (50_000, 9)
-    if options.busy:
-        with competitors(options.busy):
-            job = partial(busy, triangles, 4 if options.quick else 30, options.only)
-            return print_verdicts([job], options.quick)
     print(f"load {os.getloadavg()[0]:.1f} on {cores} cores\n")
     print(f"| | one thread [ms] | {ALL} threads [ms] | one / {ALL} | auto [ms] | auto / better |")
     print("| --- | ---: | ---: | ---: | ---: | ---: |")

@@ -211,19 +211,6 @@ def ring(radius: float, thickness: float) -> Body:
     return Body(make, lambda y, t: in_ring(y, radius, thickness), inner=inner, can_turn=False)
 
 
-def wave(height: float, length: float, speed: float) -> Body:
-    """A ground whose waves travel along x."""
-    k = 2 * math.pi / length
-    slope = math.hypot(1, k * height)  # so that the formula is below the distance
-    formula = f"(z - {height!r}*sin({k!r}*(x - {speed!r}*t)))/{slope!r}"
-    make = obstacle(lambda c, _, motion: fc.shapes.Sdf(formula, radius=1 / (k * k * height)))
-
-    def depth(y, t):
-        return (height * np.sin(k * (y[:, 0] - speed * t)) - y[:, 2]) / slope
-
-    return Body(make, depth, inner=NO_POINTS, can_turn=False)
-
-
 # --- meshes ---------------------------------------------------------------------------------------
 
 FOLDER = Path(tempfile.gettempdir()) / "fecloth_catalogue"

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 import fecloth as fc
-from fecloth.mesh.surface import Surface
 from studies.evidence.contact import catalogue_bodies as bodies
 from studies.evidence.contact.catalogue_bodies import Body, Motion
 
@@ -34,8 +33,6 @@ class Scene:
         The arguments of a run.
     bodies
         The obstacles, by formulas of their own.
-    names
-        Texts that the error of a problem without a solution must have; () for one with a solution.
     """
 
     system: fc.System
@@ -44,7 +41,6 @@ class Scene:
     dt: float
     t_end: float
     bodies: tuple[Body, ...]
-    names: tuple[str, ...] = ()
     newton: fc.Newton | None = None
 
 
@@ -56,10 +52,8 @@ class Sketch:
     x: np.ndarray  # (n, 3) at the start [m]
     bodies: Sequence[Body]
     v: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (n, 3) or (3,) [m/s]
-    pins: Sequence[tuple[str, dict]] = ()  # where, and the arguments of `Pin`
+    pins: Sequence[str] = ()  # node sets that are held
     t_end: float = 0.1
-    names: tuple[str, ...] = ()
-    turned: bool = True  # whether all of it may be turned
     rises: bool = False  # whether the cloth is moved up until it is clear of the bodies
     gaps: float = 1.0  # mm
 
@@ -72,8 +66,7 @@ def draw(kind: str, seed: int, number: int) -> Scene:
 
 def finish(sketch: Sketch, rng: np.random.Generator, number: int) -> Scene:
     """The scene of a sketch, with what is drawn alike for all kinds."""
-    W = np.linalg.qr(rng.standard_normal((3, 3)))[0] if sketch.turned else np.eye(3)
-    W = W * np.sign(np.linalg.det(W))
+    W = draw_turn(rng)
     moved = [turned(body, W) for body in sketch.bodies]
     x = sketch.x @ W
     if sketch.rises:
@@ -88,36 +81,14 @@ def finish(sketch: Sketch, rng: np.random.Generator, number: int) -> Scene:
     inner = [fc.StVK(), fc.PlateBending(), fc.Gravity(tuple(-9.81 * W[2]))]
     if rng.random() < 0.5:
         inner.append(fc.StrainRateDamping(time=1e-3))
-    pins = [fc.Pin(where, **turned_pin(keys, W)) for where, keys in sketch.pins]
     fabric = fc.Fabric.preset(BENT[rng.integers(len(BENT))])
-    system = fc.System(sketch.cloth, fabric, [*inner, *contacts], pins)
+    system = fc.System(sketch.cloth, fabric, [*inner, *contacts], sketch.pins)
     v = np.zeros_like(x) + sketch.v @ W
     method = (fc.BackwardEuler(), fc.BDF2())[number % 2]
     dt = float(rng.choice([2e-3, 5e-3, 5e-3, 5e-3, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2]))
     newton = fc.Newton(tolerance=1e-6) if restitution < 1 else None
-    held = [sketch.cloth.nodes(where) for where, keys in sketch.pins if not keys]
-    edges = held_edges(x, sketch.cloth, np.concatenate([*held, []]))
-    names = sketch.names or (INTO if enters(moved, edges, sketch.t_end) else ())
     given = system, system.state(x, v), method, dt, sketch.t_end, tuple(moved)
-    return Scene(*given, names, newton)
-
-
-INTO = "held node", "bstacle"  # named where a body is led into an edge that is held
-
-
-def held_edges(x: np.ndarray, cloth: fc.Cloth, held: np.ndarray) -> np.ndarray:
-    """(p, 3) points of the edges between two nodes that are held."""
-    triangles = Surface.from_cloth(cloth).triangles
-    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
-    a, b = np.moveaxis(x[sides[np.isin(sides, held).all(axis=1)]], 1, 0)
-    return np.concatenate([a + part * (b - a) for part in np.linspace(0.0, 1.0, 21)])
-
-
-def enters(obstacles: Sequence[Body], points: np.ndarray, t_end: float) -> bool:
-    """Whether a body that has a depth is moved over one of the points (p, 3) that stand still."""
-    solid = [body for body in obstacles if body.depth is not None and len(points)]
-    times = np.linspace(0.0, t_end, 501)
-    return any(body.deep(points, t).max() > 0.0 for body in solid for t in times)
+    return Scene(*given, newton)
 
 
 def is_wide(body: Body) -> bool:
@@ -128,18 +99,6 @@ def turned(body: Body, W: np.ndarray) -> Body:
     """The body in space; one whose term cannot be turned keeps its direction."""
     motion = replace(body.motion, way=body.motion.way @ W, axis=body.motion.axis @ W)
     return body.at(body.centre @ W, W.T @ body.Q, motion)
-
-
-def turned_pin(keys: dict, W: np.ndarray) -> dict:
-    """The arguments of a pin in space: `way` (3,) [m/s], and `spin` about an axis [rad/s]."""
-    if not keys:
-        return {}
-    way = keys["way"] @ W
-    made: dict = {"motion": tuple(f"{float(each)!r}*t" for each in way)}
-    if "spin" in keys:
-        axis = tuple(map(float, keys["axis"] @ W))
-        made["rotate"] = fc.Rotation((0, 0, 0), axis, f"{keys['spin']!r}*t")
-    return made
 
 
 def clear_of(x, triangles, obstacles: Sequence[Body], up: np.ndarray) -> np.ndarray:
@@ -236,25 +195,20 @@ def sideways(rng, most: float = 0.5) -> np.ndarray:
     return rng.uniform(-most, most, 3)
 
 
-def fall(rng, slowest: float = 0.0, fastest: float = 2.0) -> Sketch:
-    """A tilted cloth falls on an obstacle at rest."""
-    cloth = draw_cloth(rng, rng.uniform(0.15, 0.35))
-    x, v = tilted(rng, flat(cloth)), -rng.uniform(slowest, fastest) * UP + sideways(rng)
-    return Sketch(cloth, x, [draw_wide(rng)], v, rises=True)
-
-
 def throw(rng) -> Sketch:
     """A cloth is thrown against an obstacle at 5 to 20 m/s."""
-    return replace(fall(rng, 5.0, 20.0), t_end=0.1)
+    cloth = draw_cloth(rng, rng.uniform(0.15, 0.35))
+    x, v = tilted(rng, flat(cloth)), -rng.uniform(5.0, 20.0) * UP + sideways(rng)
+    return Sketch(cloth, x, [draw_wide(rng)], v, rises=True)
 
 
 HELD = ((), ("boundary",), ("left", "right"), ("left",))
 
 
-def hold(rng, cloth: fc.Cloth) -> list[tuple[str, dict]]:
+def hold(rng, cloth: fc.Cloth) -> list[str]:
     """Pins at rest: none, the boundary, or one or two sides of a rectangle."""
     wanted = HELD[rng.integers(len(HELD))]
-    return [(name, {}) for name in wanted if name in cloth.node_sets]
+    return [name for name in wanted if name in cloth.node_sets]
 
 
 def swing(rng, slowest: float, fastest: float, amplitude: float) -> Motion:
@@ -293,15 +247,6 @@ def spin(rng) -> Sketch:
     return Sketch(cloth, flat(cloth), [body], -rng.uniform(0, 2) * UP, pins, rises=True)
 
 
-def wave(rng) -> Sketch:
-    """A cloth falls on a ground whose waves travel at 0.5 to 2 m/s."""
-    cloth = draw_cloth(rng, rng.uniform(0.15, 0.3))
-    size = rng.uniform(0.005, 0.015), rng.uniform(0.08, 0.2), rng.uniform(0.5, 2)
-    v = -rng.uniform(0, 1) * UP + sideways(rng)
-    ground = bodies.wave(*map(float, size))
-    return Sketch(cloth, tilted(rng, flat(cloth), 0.3), [ground], v, rises=True, turned=False)
-
-
 def pieces(rng) -> Sketch:
     """Two or three pieces fall on an obstacle and on each other, at up to 5 m/s."""
     count, element = int(rng.integers(2, 4)), draw_element(rng)
@@ -318,16 +263,6 @@ def pieces(rng) -> Sketch:
     return Sketch(cloth, tilted(rng, x, 0.4), [draw_wide(rng)], v, rises=True)
 
 
-def needle(rng) -> Sketch:
-    """A thin body, at rest or at up to 10 m/s, and a cloth that falls on it."""
-    extent = rng.uniform(0.12, 0.25)
-    cloth, body = draw_cloth(rng, extent), draw_thin(rng)
-    motion = swing(rng, 0, 10, 0.5 * extent) if rng.random() < 0.5 else None
-    body = body.at(np.append(rng.uniform(-0.2, 0.2, 2) * extent, 0.0), draw_turn(rng), motion)
-    v = -rng.uniform(0, 3) * UP
-    return Sketch(cloth, tilted(rng, flat(cloth)), [body], v, rises=True, gaps=0.5, t_end=0.1)
-
-
 def pierce(rng) -> Sketch:
     """A needle is led through where a cloth is held around."""
     extent = rng.uniform(0.12, 0.25)
@@ -335,35 +270,8 @@ def pierce(rng) -> Sketch:
     turn = bodies.turn_about(np.append(rng.standard_normal(2), 0.0), rng.uniform(0, 0.4))
     motion = swing(rng, 0.5, 8, extent * rng.uniform(0.1, 0.3))
     body = body.at(np.append(rng.uniform(-0.2, 0.2, 2) * extent, 0.0), turn, motion)
-    pins = [("boundary", {})]
+    pins = ["boundary"]
     return Sketch(cloth, flat(cloth), [body], np.zeros(3), pins, 0.1, rises=True, gaps=0.5)
-
-
-def folded(rng) -> tuple[fc.Cloth, np.ndarray, int]:
-    """A strip in 2 to 5 folds above z = 0."""
-    count, length = int(rng.integers(2, 6)), rng.uniform(0.05, 0.09)
-    angle, element = np.radians(rng.uniform(12, 25)), draw_element(rng)
-    width, each = 0.05, 2 if element == "P2" else 4
-    cloth = fc.Cloth.rectangle(count * length, width, length / each, "right", element=element)
-    fold = np.minimum((cloth.X[:, 0] / length).astype(int), count - 1)
-    way = cloth.X[:, 0] - fold * length
-    across = np.where(fold % 2, length - way, way) * np.cos(angle)
-    height = (fold * length + way) * np.sin(angle) + CLEAR
-    return cloth, np.column_stack([across, cloth.X[:, 1], height]), count
-
-
-def press(rng) -> Sketch:
-    """A plane, or two, presses a folded strip, with up to 2 m/s."""
-    cloth, x, count = folded(rng)
-    top = float(x[:, 2].max()) + CLEAR
-    way, speed = 0.8 * (top - 8e-3 * count), rng.uniform(0.1, 2)
-    both = rng.random() < 0.5
-    part = 0.5 * way if both else way
-    move = Motion(-part * UP, float(speed / part))
-    upper = bodies.plane().at(top * UP, np.diag([1.0, -1, -1]), move)
-    lower = bodies.plane().at(0 * UP, np.eye(3), replace(move, way=part * UP) if both else None)
-    t_end = min(0.15, 0.5 * math.pi / move.rate)
-    return Sketch(cloth, x, [lower, upper], t_end=t_end)
 
 
 def squeeze(rng) -> Sketch:
@@ -410,93 +318,12 @@ def mesh(rng) -> Sketch:
     return Sketch(cloth, tilted(rng, flat(cloth), 0.3), [body], v, rises=True)
 
 
-def twist(rng) -> Sketch:
-    """A strip whose ends turn against each other, over a rod."""
-    element, length = draw_element(rng), rng.uniform(0.2, 0.3)
-    h = edge(length * 0.05, 40 if element == "P2" else 120)
-    cloth = fc.Cloth.rectangle(length, 0.05, h, element=element)
-    x_axis, angle = np.array([1.0, 0, 0]), float(rng.uniform(5, 25))
-    pins = [
-        (end, {"way": way * 0.1 * length * x_axis, "axis": x_axis, "spin": sign * angle})
-        for end, way, sign in (("left", 1, 1), ("right", -1, -1))
-    ]
-    lying = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
-    turn = bodies.turn_about(UP, rng.uniform(0, math.pi)) @ lying
-    body = bodies.rod(0.05, 0.01).at([0, 0, -0.045], turn)
-    return Sketch(cloth, flat(cloth), [body], pins=pins, t_end=0.15)
-
-
-# --- problems without a solution ------------------------------------------------------------------
-
-
-def inside(rng) -> Sketch:
-    """An edge that pins hold is led into an obstacle."""
-    cloth = draw_cloth(rng, rng.uniform(0.1, 0.2), round_too=False)
-    body = (
-        bodies.plane,
-        lambda: bodies.ball(0.05),
-        lambda: bodies.box(0.08, 0.09, 0.1),
-        lambda: bodies.rod(0.05, 1e-3),
-        lambda: bodies.star(5, 0.03, 0.08, 0.04),
-    )[rng.integers(5)]()
-    x = flat(cloth)
-    edge_x = x[cloth.nodes("left")].mean(axis=0)
-    body = body.at(edge_x - 0.1 * UP)
-    pins = [("left", {"way": -rng.uniform(0.5, 3) * UP})]
-    return Sketch(
-        cloth, x, [body], pins=pins, names=("pin left", "held node", "bstacle"), t_end=0.3
-    )
-
-
-def through(rng) -> Sketch:
-    """Held edges of two pieces are driven through each other."""
-    element = draw_element(rng)
-    first, second = (
-        fc.Cloth.rectangle(0.12, 0.08, edge(0.0096, 25 if element == "P2" else 70), element=element)
-        for _ in range(2)
-    )
-    cloth = fc.Cloth.join([first, second], ["first", "second"])
-    x = np.zeros((len(cloth.X), 3))
-    below, above = cloth.nodes("first"), cloth.nodes("second")
-    x[below] = flat(cloth, 0.0, "first") - [0.04, 0, 0]  # its right edge goes along y
-    turned = flat(cloth, 0.03, "second")[:, [1, 0, 2]] * [1, -1, 1]  # its edge goes along x
-    x[above] = turned + [0, 0.06, 0]
-    pins = [("first/right", {"way": rng.uniform(0.3, 2) * UP}), ("second/right", {"way": 0 * UP})]
-    floor = bodies.plane().at([0, 0, -0.3])
-    names = "pins first/right and second/right", "through each other"
-    return Sketch(cloth, x, [floor], pins=pins, names=names, t_end=0.3)
-
-
-def closing(rng) -> Sketch:
-    """Two planes close on a cloth."""
-    cloth = draw_cloth(rng, rng.uniform(0.1, 0.2))
-    speed = rng.uniform(0.1, 1)
-    upper = bodies.plane().at(0.02 * UP, np.diag([1.0, -1, -1]), Motion(-speed * UP))
-    lower = bodies.plane().at(-0.02 * UP)
-    t_end = 0.06 / speed
-    return Sketch(
-        cloth,
-        flat(cloth),
-        [lower, upper],
-        names=("Obstacle.1 and Obstacle.2", "leave no room"),
-        t_end=t_end,
-    )
-
-
 KINDS: dict[str, Callable] = {
-    "fall": fall,
     "throw": throw,
     "projectile": projectile,
     "spin": spin,
-    "wave": wave,
     "pieces": pieces,
-    "needle": needle,
     "pierce": pierce,
-    "press": press,
     "squeeze": squeeze,
     "mesh": mesh,
-    "twist": twist,
-    "inside": inside,
-    "through": through,
-    "closing": closing,
 }

@@ -23,7 +23,6 @@ MEMBRANES = {
 }
 EXPLICIT = ("central_difference", "symplectic_euler")
 FIRST_ORDER = ("backward_euler", "linearised", "symplectic_euler")  # refined by a better method
-SEVERAL = ("left", "boundary")  # node sets that joined pieces have each
 TRIANGLES, P2_TRIANGLES = (50, 200), (30, 80)
 STEPS, EXPLICIT_STEPS = (25, 90), (60, 400)
 DT = 1e-3, 2e-2  # of implicit steps [s]

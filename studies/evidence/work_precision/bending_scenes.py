@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 import fecloth as fc
 from studies.work_precision.scenes import BENDING, PAPER, SWING, Counted, Scene, weights
 
-MakeSystem = Callable[..., fc.System]
 MODELS = {"hinges": "P1", "quadratic": "P1", "plate": "P1", "plate, P2": "P2"}
 LOW = 0.1  # height of a held triangle over the height of its mirror image
 CLOTH = fc.Fabric(0.2, 500.0, bending_rigidity=1e-4)
@@ -27,19 +25,19 @@ def swing(model: str, h: float, explicit: bool = False) -> Scene:
     return Scene(system, system.rest(), 0.3, weights_of(cloth, system, (SWING, 0.05)))
 
 
-def cantilever(model: str, h: float, make_system: MakeSystem = Counted) -> Scene:
+def cantilever(model: str, h: float) -> Scene:
     """Return a sheet of paper clamped along an edge, at rest: mean and free edge."""
     cloth = fc.Cloth.rectangle(REACH, WIDTH, h=h, element=MODELS[model])
-    system = clamped(cloth, "left", PAPER, model, make_system)
+    system = clamped(cloth, "left", PAPER, model)
     x = system.rest().x
     x[:, 2] = -0.5 * x[:, 0].clip(0)  # near enough for Newton
     return Scene(system, system.state(x), 0.0, weights_of(cloth, system, (REACH, WIDTH / 2)))
 
 
-def table(model: str, h: float, make_system: MakeSystem = Counted) -> Scene:
+def table(model: str, h: float) -> Scene:
     """Return a square cloth over a round table, clamped along its edge: mean and a corner."""
     cloth = fc.Cloth.read(Path(__file__).with_name("table.geo"), h=h, element=MODELS[model])
-    system = clamped(cloth, "edge", CLOTH, model, make_system)
+    system = clamped(cloth, "edge", CLOTH, model)
     x = system.rest().x
     beyond = np.linalg.norm(x, axis=1) - EDGE
     lobes = np.cos(4 * np.arctan2(x[:, 1], x[:, 0]))  # corners down, sides up
@@ -55,9 +53,7 @@ def bending(model: str):
     return BENDING[model.partition(",")[0]]
 
 
-def clamped(
-    cloth: fc.Cloth, edge: str, fabric: fc.Fabric, model: str, make_system: MakeSystem
-) -> fc.System:
+def clamped(cloth: fc.Cloth, edge: str, fabric: fc.Fabric, model: str) -> fc.System:
     """Return the system of a cloth clamped along a named edge under gravity.
 
     Hinges hold no normal: there the clamp is a row of held triangles behind the edge. They are low,
@@ -65,9 +61,9 @@ def clamped(
     """
     terms = [fc.StVK(), bending(model), fc.Gravity()]
     if model.startswith("plate"):
-        return make_system(cloth, fabric, terms, [fc.Pin(edge, clamp=True)])
+        return Counted(cloth, fabric, terms, [fc.Pin(edge, clamp=True)])
     cloth = with_held_row(cloth, edge)
-    return make_system(cloth, fabric, terms, ["held"])
+    return Counted(cloth, fabric, terms, ["held"])
 
 
 def with_held_row(cloth: fc.Cloth, edge: str) -> fc.Cloth:

@@ -18,8 +18,6 @@ How they are read was fixed with them, before the first comparison:
 `FEW`, three starts, were to give the parts of load steps and constants. To save time `TAKEN` is the
 first of them alone. This was decided after the results of the first start had been seen, and before
 those of the other two were.
-
-Begun with five folds, as measured, is shown beside it. It is no part of the prediction.
 """
 
 from __future__ import annotations
@@ -30,7 +28,6 @@ from studies.validation.drape.specimen import FEW, LOAD_STEPS, MORE_STEPS, START
 
 MODELS = ("elastic", "friction")
 TAKEN = FEW[:1]  # the starts that show the parts of the constants and of the load steps
-FOLDED = -5  # the start with five folds
 QUICK_STEPS = 5  # of the elastic cloth in the quick form
 COARSE = (0.05, 0.04, 0.032)  # edges of the triangles of the quick form [m]
 
@@ -47,7 +44,6 @@ def list_cases(fabrics: Sequence[str], quick: bool = False) -> list[dict]:
             coarse = [case | {"start": start, "h": H[0]} for start in TAKEN]
             changes = list_changes(list(UNCERTAIN), model)
             cases += [each | change for change in changes for each in coarse]
-            cases.append(case | {"start": FOLDED, "h": H[1]})
             cases.append(case | {"start": STARTS[0], "h": H[1], "support": "disks"})
     return cases
 

@@ -11,7 +11,6 @@ import numpy as np
 from fecloth.study.status import OK
 from fecloth.study.uncertainty import estimate_uncertainty
 from studies.validation.comparison import Comparison
-from studies.validation.drape.cases import FOLDED
 from studies.validation.drape.specimen import DENSITY, LOAD_STEPS, MORE_STEPS, SCATTER, UNCERTAIN
 
 ORDER = 2.0  # of the coefficient in h, expected
@@ -34,7 +33,6 @@ class Prediction:
     support: float
     means: Sequence[float]  # on the meshes, coarse to fine
     folds: Sequence[int]  # by start, on the finest mesh
-    folded: tuple[float, int] | None = None  # coefficient and folds if begun with five folds
     coefficients: Sequence[float] = ()  # by start, on the finest mesh
 
     @property
@@ -72,7 +70,7 @@ def predict(rows: Sequence[Mapping], fabric: str, end: str, steps: int = LOAD_ST
     # The quick form has fewer load steps, and no part of them.
     model = "elastic" if end == "elastic" else "friction"
     own = Own([r for r in rows if r["fabric"] == fabric and r["model"] == model], end, steps)
-    sizes = sorted({row["h"] for row in own.rows if row["start"] > 0}, reverse=True)
+    sizes = sorted({row["h"] for row in own.rows}, reverse=True)
     h, few = sizes[0], sorted({r["start"] for r in own.rows if r.get("steps") == MORE_STEPS})
     means = [own.mean(h=size) for size in sizes]
     estimate = estimate_uncertainty(sizes, means, ORDER)
@@ -84,7 +82,6 @@ def predict(rows: Sequence[Mapping], fabric: str, end: str, steps: int = LOAD_ST
     }
     more = own.mean(h=h, steps=MORE_STEPS) - own.mean(h=h, starts=few) if few else 0.0
     held, disks = (own.values("coefficient", h=sizes[1], support=s) for s in ("held", "disks"))
-    folded = [own.values(c, h=sizes[1], starts=[FOLDED]) for c in ("coefficient", "folds")]
     return Prediction(
         fabric, end, means[-1],
         space=0.5 * estimate.uncertainty,
@@ -94,7 +91,6 @@ def predict(rows: Sequence[Mapping], fabric: str, end: str, steps: int = LOAD_ST
         support=abs(disks[0] - held[0]) / math.sqrt(3) if disks else 0.0,
         means=means,
         folds=[int(n) for n in own.values("folds", h=sizes[-1])],
-        folded=(folded[0][0], int(folded[1][0])) if folded[0] else None,
         coefficients=values,
     )  # fmt: skip
 
@@ -114,7 +110,7 @@ class Own:
             row
             for row in sorted(self.rows, key=lambda row: row["start"])
             if all(row.get(k, AS_IS.get(k)) == v for k, v in wanted.items())
-            and (row["start"] in starts if starts else row["start"] > 0)
+            and (not starts or row["start"] in starts)
         ]
         column = name if self.end == "elastic" else f"{self.end}_{name}"
         return [row[column] if row["status"] == OK else math.nan for row in chosen]

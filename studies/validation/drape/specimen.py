@@ -116,13 +116,11 @@ def lift(X: np.ndarray, start: int) -> np.ndarray:
     """Positions (n, 3): flat on the support, with a smooth wave along the rim.
 
     Its height is HEIGHT ((r − b)/(a − b))² f(θ), where f mixes 2 to 9 folds with normal random
-    coefficients of the seed `start`, and its largest size is 1. A negative `start` −n has n folds
-    alone.
+    coefficients of the seed `start`, and its largest size is 1.
     """
     # The square begins without a slope at the edge of the support.
-    n = np.array(WAVES if start > 0 else [-start])
-    draw = np.random.default_rng(abs(start))
-    a, b = draw.standard_normal((2, len(n))) if start > 0 else np.array([[1.0], [0.0]])
+    n = np.array(WAVES)
+    a, b = np.random.default_rng(start).standard_normal((2, len(n)))
 
     def wave(angle: np.ndarray) -> np.ndarray:
         return np.cos(np.outer(angle, n)) @ a + np.sin(np.outer(angle, n)) @ b

@@ -7,11 +7,11 @@ triangles, an error of order h.
 
 import numpy as np
 import pytest
+from support.locking import strip
 from support.plates import rolled
 from support.tiers import stories_except
 
 import fecloth as fc
-from studies.evidence.models.elastica import strip
 
 STRIPS = ["right", "cross", "equilateral", "unstructured"]
 RADIUS = 0.4  # of a strip of length 1: it turns by 143°

@@ -1,4 +1,4 @@
-"""Cloths whose stress is singular at corners: taut and hanging ones, an L and a square.
+"""Cloths whose stress is singular at a corner: a taut and a hanging L.
 
 An L is the square [0, 1]² without its upper right quarter; its re-entrant corner is at (½, ½).
 """
@@ -83,12 +83,6 @@ def taut_l(h: float, element: str = "P1", grading: Gradings = ()):
 def hanging_l(h: float, element: str = "P1", grading: Gradings = ()):
     """Return an L that hangs from its top."""
     return _hanging(make_l(h, element, grading), (0, -9.81, 0), ["top"])
-
-
-def held_sheet(h: float, element: str = "P1", grading: Gradings = ()):
-    """Return a square that sags between two held sides, whose ends are the singular corners."""
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h, element=element, grading=grading)
-    return _hanging(cloth, (0, 0, -9.81), ["left", "right"])
 
 
 def _hanging(cloth: fc.Cloth, gravity: tuple, pins: list):
