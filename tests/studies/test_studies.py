@@ -46,6 +46,7 @@ def run_here(monkeypatch, capsys):
         ("evidence.benchmarks.threads", "explicit step"),
         ("convergence.space_error", "outside 0.5 … 2.0: 0 <= 0: met"),
         ("evidence.convergence.catalogue", "share of problems that are covered: 1 >= 0.95: met"),
+        ("evidence.newton_catalogue.statics", "problems that are not solved: 0 <= 0: met"),
         ("models.hinge_bias", "derived"),
         ("evidence.benchmarks.auto_solver", "auto over the best, the worst run"),
         ("evidence.benchmarks.step_costs", "GB/s"),
