@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 from fecloth import terms as all_terms
 from fecloth.errors import InputError, did_you_mean, is_number
 from fecloth.fabric.fabric import Fabric
+from fecloth.integrators import EXPLICIT
 from fecloth.integrators.protocol import method_of
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
@@ -186,12 +187,15 @@ class FunctionSource:
     def values_of(self, choice: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values by key of a choice by the names of `keys`.
 
-        Raise `InputError` for what the function has no argument for.
+        An explicit method takes its stable step: then dt is None. Raise `InputError` for what the
+        function has no argument for.
         """
         for name, value in choice.items():
             if name not in self.keys:
                 what = f"{name} = {value!r}"
                 raise InputError(what, f"needs a function with the argument {name}", self.name)
+        if choice.get("method") in EXPLICIT:
+            return {"dt": None, **choice}
         return dict(choice)
 
     def setup(self, cloth: Cloth | None = None) -> Setup:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fecloth.study.fronts.search import Search
 from fecloth.study.fronts.settings import Line, Setting
 from fecloth.study.problem import StudyProblem
 from studies.tune import contact, grid, references, unseen
@@ -38,7 +39,7 @@ def test_the_strip_has_the_sag_of_the_closed_form():
     assert strip.values["sag"] == pytest.approx(0.023426817, rel=1e-5)
 
 
-def exhaustive(errors, longest=math.inf):
+def exhaustive(errors, longest=math.inf, kind=grid.ExhaustiveSearch):
     """A search on made-up errors and seconds, by method: both are multiplied by `errors`."""
 
     class Made:
@@ -69,7 +70,7 @@ def exhaustive(errors, longest=math.inf):
     limit = SimpleNamespace(
         uncertainty=np.zeros(1), error=lambda row: np.array([row["error"]]), is_known=True
     )
-    made = grid.ExhaustiveSearch(Made(), limit, 0.01, longest)
+    made = kind(Made(), limit, 0.01, longest)
     made.add_lines([Line(method) for method in errors])
     assert made.run() == ""
     return made
@@ -86,14 +87,8 @@ def test_search_finds_the_cheapest_setting_that_meets_the_tolerance():
 
 def test_search_leaves_no_setting_out_for_what_its_line_promises():
     made = exhaustive({"quick": 1.0, "slow": 4.0})
-    least = made.bench.took(grid.meeting(made)[0])
-    cheap = [Setting(Line("slow"), i, j) for i in range(8) for j in range(8)]
-    every = exhaustive({"slow": 4.0})
-    for setting in cheap:
-        every.bench.run(setting, 0.0)
-    expected = {s for s in cheap if every.bench.took(s) < least / 4}
-    assert len(expected) > 10
-    assert expected <= made.bench.rows.keys()
+    usual = exhaustive({"quick": 1.0, "slow": 4.0}, kind=Search)
+    assert usual.bench.rows.keys() < made.bench.rows.keys()
 
 
 def test_search_stops_at_the_longest_time():

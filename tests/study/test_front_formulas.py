@@ -485,11 +485,12 @@ def test_given_values_are_the_only_ones(problem):
     assert Plan(problem, (), {"h": None, "dt": None}, 0.01, 1.0, Runs()).values == {}
 
 
-def test_methods_of_a_function_are_refined_in_their_dt(problem):
-    """A function may not take its stable step: its dt is given."""
+def test_methods_of_a_function_have_the_names_of_a_scene(problem):
     lines = make_lines(problem, ["bdf2", "CentralDifference"], None)
     assert [line.method for line in lines] == ["bdf2", "central_difference"]
-    assert [Settings.of(problem).sizes_in_time(line) for line in lines] == ["dt", "dt"]
+    assert [Settings.of(problem).sizes_in_time(line) for line in lines] == ["dt", ""]
+    assert problem.choose(method="bdf2").dt == problem.dt
+    assert problem.choose(method="central_difference").dt is None  # its stable step
 
 
 def test_a_front_begins_only_if_a_mesh_four_times_coarser_can_run(problem):

@@ -100,8 +100,8 @@ def test_info_of_a_scene_counts_its_bending(scene):
 
 
 def test_chart_replaces_a_membrane_of_its_own(scene):
-    changed = StudyProblem.of(scene).choose(method="newmark", element="P1", model="StVK")
-    types = [term["type"] for term in changed.tables["terms"]]
+    values = StudyProblem.of(scene).source.values_of({"method": "newmark", "model": "StVK"})
+    types = [term["type"] for term in values["terms"]]
     assert types == ["StVK", *list(OWN)[1:], "Gravity"]
 
 

@@ -273,7 +273,8 @@ def say(phase: str) -> None:
 
 def make_front(plan: Plan, bench: Bench, search: Search, why: str) -> Front:
     """Return the result, from the rows of the bench; `why` says why it ended before, or ""."""
-    rows = make_rows(bench, search.limit)
+    # without a known limit only its levels have run
+    rows = make_rows(bench if bench.rows else bench.with_sharper_solver(), search.limit)
     table = Table(tuple(rows))
     limits = search.limit.convergences()
     remarks = []

@@ -109,11 +109,10 @@ class Settings:
     def sizes_in_time(self, line: Line) -> str:
         """Return what the steps of a line follow: "dt", "rtol", or "" for nothing to refine.
 
-        Explicit methods of a scene take their stable step, an equilibrium has none, and of a
-        function that takes no dt the steps are its own.
+        Explicit methods take their stable step, an equilibrium has none, and of a function that
+        takes no dt the steps are its own.
         """
-        takes_stable_steps = "method" in self.problem.source.usual_variations
-        if self.problem.is_static or (line.method in EXPLICIT and takes_stable_steps):
+        if self.problem.is_static or line.method in EXPLICIT:
             return ""
         if line.method == "auto":
             return "rtol"
