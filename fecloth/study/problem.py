@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
@@ -83,6 +84,9 @@ class StudyProblem:
         if not callable(problem):
             allowed = "must be a scene, its path, or a function of h and dt"
             raise InputError(f"problem = {problem!r}", allowed)
+        for name, value in (("h", h), ("dt", dt)):
+            if value is not None:
+                validation.number(name, value, 0.0, "problem")
         source = FunctionSource(problem, t_end=t_end, placed=tuple(probes))
         sizes = {name: size for name, size in (("h", h), ("dt", dt)) if size is not None}
         return cls(source.changed({**(arguments or {}), **sizes}))

@@ -1,6 +1,7 @@
 """`tune`: an accepted error in, the cheapest proven setting out."""
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,7 +25,6 @@ from fecloth.study.fronts.front import (
     coarse,
     describe_setting,
     make_rows,
-    say,
     search_lines,
 )
 from fecloth.study.fronts.limit import find_limit
@@ -122,7 +122,8 @@ def tune(
         if tolerance is not None:
             raise InputError("to_data and tolerance are given", "give one of them", "tune")
         tolerance = tolerance_of_data(study, quantity)
-        say(f"tolerance by the data: {100 * tolerance:.2g} %")
+        words = f"tune: tolerance by the data: {100 * tolerance:.2g} %"
+        print(words, file=sys.stderr, flush=True)
     refuse_methods(opened, methods, "tune")
     goal = read_goal(tolerance, budget)
     validation.number("seconds", seconds, 0.0, "tune")
@@ -195,7 +196,7 @@ class Reduced:
 def find_tuned(plan: Plan, goal: Goal, model: bool) -> Tuned:
     """Return the result of a plan."""
     how = replace(plan.runs, jobs=1)  # each setting tells which one is next
-    bench = Bench(Settings.of(plan.problem), plan.quantities, how, plan.seconds)
+    bench = Bench(Settings.of(plan.problem), plan.quantities, how, plan.seconds, study="tune")
     reduced = Reduced(plan.problem)
     if model:
         reduced = leave_out_terms(reduced, bench, plan.tolerance)
@@ -212,7 +213,7 @@ def find_tuned(plan: Plan, goal: Goal, model: bool) -> Tuned:
         search, why = search_within_budget(plan, bench, goal)
     else:
         inner = replace(plan, tolerance=plan.tolerance - other)
-        say(f"2 stages, together at most {plan.seconds:.0f} CPU s; first the limit, by its levels")
+        bench.say("stage 1 of 2: the limit, by levels that are ever finer")
         limit = find_limit(bench, inner.lines(), inner.tolerance)
         search, why = search_lines(inner, bench, limit, inner.lines())
     return make_tuned(plan, goal, reduced, search, why)
@@ -227,7 +228,7 @@ def search_within_budget(plan: Plan, bench: Bench, goal: Goal) -> tuple[Search, 
     best: Search | None = None
     why = ""
     while tolerance >= LEAST_OF_BUDGET:
-        say(f"settings with an error of {in_percent(tolerance)}")
+        bench.say(f"settings with an error of {in_percent(tolerance)}")
         tighter = replace(plan, tolerance=tolerance)
         limit = find_limit(bench, tighter.lines(), tolerance)
         search, why = search_lines(tighter, bench, limit, tighter.lines(), goal.budget)
@@ -267,7 +268,7 @@ def leave_out_terms(reduced: Reduced, bench: Bench, tolerance: float) -> Reduced
     if "method" not in problem.source.usual_variations:
         remedy = "Write a scene file, or compare the models with compare."
         raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
-    say("terms: what they change on a coarse mesh")
+    bench.say("terms: what they change on a coarse mesh")
     base = coarse_problem(problem, bench.settings)
     full = run_problem(bench, base)
     if full["status"] != OK:
@@ -315,7 +316,7 @@ def narrow_gaps(reduced: Reduced, bench: Bench, tolerance: float) -> Reduced:
     divided by `NARROWEST_GAP` at most. If one of the two runs fails, the error is not known and
     counts as infinite.
     """
-    say("gaps of contact: what halving them changes on a coarse mesh")
+    bench.say("gaps of contact: what halving them changes on a coarse mesh")
     base = coarse_problem(reduced.problem, bench.settings)
     rows = [run_problem(bench, base), run_problem(bench, base.finer(gap=2.0))]
     error = math.inf

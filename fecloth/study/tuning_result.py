@@ -9,7 +9,7 @@ from typing import Any
 from fecloth import errors
 from fecloth.study.figures import Figure
 from fecloth.study.fronts.drawing import draw_front
-from fecloth.study.result import StudyResult, in_percent
+from fecloth.study.result import StudyResult, Table, in_percent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,6 +73,12 @@ class Tuned(StudyResult):
             lines.append(f"Estimated parts of the error: {parts}.")
         cost = f"CPU time: {self.seconds:.2g} s; the search took {self.search_seconds:.2g} s."
         return [*lines, cost, *self.remarks]
+
+    def summary(self) -> str:
+        """What the command prints: the verdict, the notes, and the settings that none beats."""
+        rows = [row for row in self.table if row.get("on front")]
+        count = f"These are {len(rows)} of {len(self.table)} settings; the report has all."
+        return "\n".join([*self.words(), "", str(Table(tuple(rows))), "", count])
 
     @property
     def scene_file(self) -> tuple[str, str]:

@@ -1,6 +1,7 @@
 """Runs of settings, each made once, within a limit of CPU time."""
 
 import math
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -50,6 +51,8 @@ class Bench:
         CPU time of this process at the begin [s].
     before
         CPU time of earlier runs with other settings [s].
+    study
+        The name of the study, for the lines that it prints.
     """
 
     settings: Settings
@@ -60,6 +63,12 @@ class Bench:
     sharper_rows: dict[Setting, Row] = field(default_factory=dict)
     begin: float = field(default_factory=time.process_time)
     before: float = 0.0
+    study: str = "front"
+
+    def say(self, words: str) -> None:
+        """Print a line on what has been reached, with the CPU time so far."""
+        time_words = f"{self.spent:.0f} of {self.seconds:.0f} CPU s"
+        print(f"{self.study}: {words} [{time_words}]", file=sys.stderr, flush=True)
 
     def with_settings(self, settings: Settings) -> "Bench":
         """Return a bench for other settings, whose runs take place in the time that is left."""

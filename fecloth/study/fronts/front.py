@@ -1,6 +1,5 @@
 """`front`: a table of runs with the error and the cost of each, and the cheapest of them."""
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from fecloth.errors import InputError, did_you_mean
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.fronts.bench import Bench
-from fecloth.study.fronts.drawing import best_rows, bound_of, is_known
+from fecloth.study.fronts.drawing import best_rows, is_known
 from fecloth.study.fronts.limit import LEAST_LEVELS, Limit, find_limit
 from fecloth.study.fronts.result import Front, describe_front
 from fecloth.study.fronts.search import Search
@@ -151,7 +150,7 @@ class Plan:
     tolerance: float
     seconds: float
     runs: Runs
-    study: str = "tune"
+    study: str = "front"
     levels: int = LEAST_LEVELS
     finest: float | None = None
 
@@ -222,9 +221,10 @@ class Plan:
 def run_front(plan: Plan) -> Front:
     """Find the limit of a plan, run its settings, and return the front."""
     settings = Settings.of(plan.problem, plan.changes, finest=plan.finest)
-    bench = Bench(settings, plan.quantities, replace(plan.runs, jobs=1), plan.seconds)
+    how = replace(plan.runs, jobs=1)  # each setting tells which one is next
+    bench = Bench(settings, plan.quantities, how, plan.seconds, study=plan.study)
     lines = plan.lines()
-    say(f"2 stages, together at most {plan.seconds:.0f} CPU s; first the limit, by its levels")
+    bench.say("stage 1 of 2: the limit, by levels that are ever finer")
     limit = find_limit(bench, lines, plan.tolerance, plan.levels)
     if values := plan.values:  # the levels of the limit have other h and dt
         bench = bench.with_settings(replace(settings, values=values))
@@ -243,7 +243,7 @@ def search_lines(
     search = Search(bench, limit, plan.tolerance, longest)
     if not limit.is_known:
         return search, limit.why_unknown
-    say(f"settings in the order of their cost; {bench.spent:.0f} of {bench.seconds:.0f} CPU s gone")
+    bench.say("stage 2 of 2: settings in the order of their cost")
     search.add_lines(lines)
     why = search.run()
     best = sorted(filter(search.meets, bench.rows), key=bench.took)
@@ -266,11 +266,6 @@ def run_changes(plan: Plan, search: Search) -> None:
             search.bench.run(setting)
 
 
-def say(phase: str) -> None:
-    """Print the phase that begins."""
-    print(f"front: {phase}", file=sys.stderr, flush=True)
-
-
 def make_front(plan: Plan, bench: Bench, search: Search, why: str) -> Front:
     """Return the result, from the rows of the bench; `why` says why it ended before, or ""."""
     # without a known limit only its levels have run
@@ -287,7 +282,7 @@ def make_front(plan: Plan, bench: Bench, search: Search, why: str) -> Front:
     first = next(iter(limits.values()), None)
     return Front(
         title=plan.problem.name,
-        verdict=describe_front(table, first),
+        verdict=describe_front(table, first, 100 * plan.tolerance),
         table=table,
         quantity=", ".join(quantity.text for quantity in plan.quantities),
         limit=first,
@@ -342,6 +337,6 @@ def _make_row(bench: Bench, limit: Limit, setting: Setting) -> dict[str, Any]:
     error, uncertainty = float(errors[k]), float(limit.uncertainty[k])
     cells |= {"error": error * size, "uncertainty": uncertainty * size}
     cells |= {"error %": 100 * error, "uncertainty %": 100 * uncertainty}
-    cells["at most %"] = bound_of(cells, " %")
+    cells["at most %"] = cells["error %"] + cells["uncertainty %"]
     cells["doubts"] = len(row.get("doubts", ()))
     return cells

@@ -210,6 +210,9 @@ def find_limit(
             break
         ladder = min(open_ladders, key=lambda ladder: ladder.seconds_to(wanted))
         ladder.go_on()
+        known = best.uncertainty.max() if best else math.inf
+        words = f"U of the limit {100 * known:.2g} %" if known < math.inf else "U not known yet"
+        bench.say(f"level {len(ladder.levels)} of {ladder.line or 'the limit'}; {words}")
     if best is None:  # no ladder has three levels: its finest one counts, with an unknown error
         started = [ladder for ladder in ladders if ladder.levels]
         if started:

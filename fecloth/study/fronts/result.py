@@ -128,18 +128,22 @@ def find_cheapest(rows: Sequence[Row], most: float) -> Row | None:
     return min(meeting, key=lambda row: float(row["seconds"] or 0.0), default=None)
 
 
-def describe_front(table: Table, limit: Convergence | None) -> str:
+def describe_front(table: Table, limit: Convergence | None, tolerance: float = math.nan) -> str:
     """Return a line on the cheapest setting for each of the errors 10, 1 and 0.1 %.
 
-    A setting that is the cheapest for several errors has one line. The last line says which error
-    no setting reaches, if there is one.
+    The `tolerance` that was asked for [%] is among them, and no smaller error is named. A setting
+    that is the cheapest for several errors has one line. The last line says which error no
+    setting reaches, if there is one.
     """
     if limit is None:
         return "not known: the limit of this problem was not found; see `converge`"
     several_models = len({row.get("model") for row in table}) > 1
     lines: dict[str, list[str]] = {}  # the errors, by the words of their setting
     last_line = []
-    for named in NAMED_ERRORS:
+    named_errors = {*NAMED_ERRORS, tolerance} if tolerance > 0 else {*NAMED_ERRORS}
+    for named in sorted(named_errors, reverse=True):
+        if named < tolerance:
+            break
         row = find_cheapest(table, named)
         if row is None:
             last_line = [f"no setting is proved to reach {named:g} %"]

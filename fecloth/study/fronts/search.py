@@ -47,6 +47,8 @@ class Search:
         seconds, and the setting.
     seen
         The settings that were taken from the queue.
+    by_chance
+        Settings that do not count, because a finer neighbour of theirs has a larger error.
     distances
         The relative distances (q,) to the limit of settings that were asked for.
     """
@@ -57,6 +59,7 @@ class Search:
     longest: float = math.inf
     queue: list[tuple[float, int, float, Setting]] = field(default_factory=list)
     seen: set[Setting] = field(default_factory=set)
+    by_chance: set[Setting] = field(default_factory=set)
     distances: dict[Setting, np.ndarray] = field(default_factory=dict)
     number: Iterator[int] = field(default_factory=count)
 
@@ -77,6 +80,8 @@ class Search:
     def meets(self, setting: Setting) -> bool:
         """Whether a setting has run, and meets tolerance and time."""
         if not self.bench.is_ok(setting) or self.bench.took(setting) > self.longest:
+            return False
+        if setting in self.by_chance:
             return False
         return self.bound(setting) <= self.tolerance
 
@@ -111,8 +116,34 @@ class Search:
     def run(self, reserve: float = 0.0) -> str:
         """Run settings until none can be cheaper; return why it ended before, or "".
 
-        `reserve` is the CPU time that is kept, beside three runs of the cheapest setting [s].
+        The cheapest setting must not be within the tolerance by chance, as where its errors in
+        space and time cancel: its neighbours with a finer h, and with a shorter dt, run too, and
+        must meet the tolerance. `reserve` is the CPU time that is kept, beside three runs of the
+        cheapest setting [s].
         """
+        while True:
+            why = self._run_queue(reserve)
+            cheapest = self.cheapest
+            if why or cheapest is None or not self._is_by_chance(cheapest):
+                return why
+            self.by_chance.add(cheapest)
+
+    def _is_by_chance(self, setting: Setting) -> bool:
+        """Whether a neighbour with a finer h, or a shorter dt, does not meet the tolerance.
+
+        A neighbour that does not run to its end, or would take too long, says nothing.
+        """
+        refine_h, refine_dt = self.bench.settings.can_be_finer(setting)
+        neighbours = [setting.finer(i=1)] * refine_h + [setting.finer(j=1)] * refine_dt
+        for neighbour in neighbours:
+            if self.bench.allows(2 * GROWTH * self.bench.took(setting)):
+                self.bench.run(neighbour)
+            if self.bench.is_ok(neighbour) and self.bound(neighbour) > self.tolerance:
+                return True
+        return False
+
+    def _run_queue(self, reserve: float) -> str:
+        """Run settings of the queue until none can be cheaper; return why it ended before."""
         while setting := self.next:
             promise, _, expected, _ = self.queue[0]
             kept = reserve
@@ -123,6 +154,9 @@ class Search:
             heapq.heappop(self.queue)
             most = PATIENCE * expected
             self.bench.run(setting, most)
+            if self.cheapest == setting:
+                words = f"error + U of {100 * self.bound(setting):.2g} %"
+                self.bench.say(f"{words} in {self.bench.took(setting):.2g} s")
             if setting in self.bench.rows:
                 self.seen.add(setting)
                 self._add_finer(setting, expected)

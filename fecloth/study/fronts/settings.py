@@ -184,7 +184,7 @@ def make_lines(
     cloth = problem.tables["cloth"]
     own_models = [term["type"] for term in problem.tables["terms"]]
     usual = {
-        "method": [] if problem.is_static else usual_methods(problem, study),
+        "method": [] if problem.is_static else usual_methods(problem),
         "element": [cloth.get("element", "P1"), *ELEMENTS],
         "pattern": [cloth["pattern"]] if cloth.get("pattern") else [],
         "model": [],
@@ -209,8 +209,8 @@ def make_lines(
     return [Line(*words) for words in combinations]
 
 
-def usual_methods(problem: StudyProblem, study: str) -> list[str]:
-    """Return the names of the methods that a study tries, the problem's own one first."""
+def usual_methods(problem: StudyProblem) -> list[str]:
+    """Return the names of the methods that are tried, the problem's own one first."""
     own = problem.source.method
     names = [own] if own in ALL_METHODS else []
-    return list(dict.fromkeys([*names, *studied_by(study), "auto"]))
+    return list(dict.fromkeys([*names, *studied_by("chart"), "auto"]))
