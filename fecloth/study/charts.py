@@ -9,7 +9,7 @@ from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.fronts.front import SECONDS, USUAL_AXES, Plan, coarse, run_front
+from fecloth.study.fronts.front import SECONDS, USUAL_AXES, Plan, run_front
 from fecloth.study.fronts.limit import LEAST_LEVELS
 from fecloth.study.fronts.result import NAMED_ERRORS, Front
 from fecloth.study.opened import Opened, open_study
@@ -91,7 +91,7 @@ def chart(
         levels=levels,
         finest=None if opened.h is None else opened.h / 2 ** (meshes - 1),
     )
-    refuse_huge(coarse(opened), plan.runs)
+    refuse_huge(opened, plan.runs)
     doubts = print_doubts(opened)
     others: tuple[str, ...] = ()
     if quantity is None:

@@ -104,7 +104,7 @@ class Opened:
         >>> print([f"{x:.3f}" for x in study.sweep("stiffness=20,80", "tip.x").table["tip.x"]])
         ['1.045', '1.012']
         >>> print(study.compare("stiffness=40,20", "tip.x").verdict[:37])
-        tip.x: stiffness = 20 is 2.107443 ± 0
+        tip.x: stiffness = 20 is 2.10744 ± 0.
         """
         sources: Any = problem
         if isinstance(problem, str) or not isinstance(problem, Sequence):

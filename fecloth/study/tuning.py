@@ -22,7 +22,6 @@ from fecloth.study.fronts.front import (
     SECONDS,
     USUAL_AXES,
     Plan,
-    coarse,
     describe_setting,
     make_rows,
     search_lines,
@@ -135,7 +134,7 @@ def tune(
         name: list(given) for name, given in (("method", methods), ("element", elements)) if given
     }
     plan = Plan(opened, quantities, axes, goal.tolerance, seconds, study.runs())
-    refuse_huge(coarse(opened), plan.runs)
+    refuse_huge(opened, plan.runs)
     doubts = print_doubts(opened)
     tuned = find_tuned(plan, goal, model=model)
     tuned = replace(tuned, doubts=doubts)
@@ -199,8 +198,10 @@ def find_tuned(plan: Plan, goal: Goal, model: bool) -> Tuned:
     bench = Bench(Settings.of(plan.problem), plan.quantities, how, plan.seconds, study="tune")
     reduced = Reduced(plan.problem)
     if model:
+        bench.say("terms: what they change on a coarse mesh")
         reduced = leave_out_terms(reduced, bench, plan.tolerance)
     if reduced.problem.has_contact:
+        bench.say("gaps of contact: what halving them changes on a coarse mesh")
         reduced = narrow_gaps(reduced, bench, plan.tolerance)
     plan = replace(plan, problem=reduced.problem)
     bench = bench.with_settings(Settings.of(plan.problem))
@@ -214,7 +215,7 @@ def find_tuned(plan: Plan, goal: Goal, model: bool) -> Tuned:
     else:
         inner = replace(plan, tolerance=plan.tolerance - other)
         bench.say("stage 1 of 2: the limit, by levels that are ever finer")
-        limit = find_limit(bench, inner.lines(), inner.tolerance)
+        limit = find_limit(bench, inner.lines(), inner.tolerance, report=bench.say)
         search, why = search_lines(inner, bench, limit, inner.lines())
     return make_tuned(plan, goal, reduced, search, why)
 
@@ -230,7 +231,7 @@ def search_within_budget(plan: Plan, bench: Bench, goal: Goal) -> tuple[Search, 
     while tolerance >= LEAST_OF_BUDGET:
         bench.say(f"settings with an error of {in_percent(tolerance)}")
         tighter = replace(plan, tolerance=tolerance)
-        limit = find_limit(bench, tighter.lines(), tolerance)
+        limit = find_limit(bench, tighter.lines(), tolerance, report=bench.say)
         search, why = search_lines(tighter, bench, limit, tighter.lines(), goal.budget)
         if best is None or search.cheapest:
             best = search
@@ -268,7 +269,6 @@ def leave_out_terms(reduced: Reduced, bench: Bench, tolerance: float) -> Reduced
     if "method" not in problem.source.usual_variations:
         remedy = "Write a scene file, or compare the models with compare."
         raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
-    bench.say("terms: what they change on a coarse mesh")
     base = coarse_problem(problem, bench.settings)
     full = run_problem(bench, base)
     if full["status"] != OK:
@@ -316,7 +316,6 @@ def narrow_gaps(reduced: Reduced, bench: Bench, tolerance: float) -> Reduced:
     divided by `NARROWEST_GAP` at most. If one of the two runs fails, the error is not known and
     counts as infinite.
     """
-    bench.say("gaps of contact: what halving them changes on a coarse mesh")
     base = coarse_problem(reduced.problem, bench.settings)
     rows = [run_problem(bench, base), run_problem(bench, base.finer(gap=2.0))]
     error = math.inf

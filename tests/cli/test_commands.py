@@ -86,8 +86,8 @@ RESULTS = [  # the class of a result, its rows, more of it, and the exit status 
     (fc.study.Sweep, [GOOD], {}, 0),
     (fc.study.Sweep, [GOOD, BAD], {}, 3),
     (fc.study.Comparison, [GOOD, BAD], {}, 3),
-    (fc.study.Chart, [GOOD | {"on front": True, "seconds": 1.0}, BAD], {}, 0),
-    (fc.study.Chart, [GOOD | {"on front": False}], {}, 3),
+    (fc.study.Front, [GOOD | {"on front": True, "seconds": 1.0}, BAD], {}, 0),
+    (fc.study.Front, [GOOD | {"on front": False}], {}, 3),
     (fc.study.StabilityMap, [{"longest step": "< 1 ms"}], {"cells": Table((BAD,))}, 0),
     (fc.study.StabilityMap, [{}], {"cells": Table((LATE,))}, 3),
     (fc.study.Simplification, [GOOD, BAD], {}, 0),
@@ -107,7 +107,7 @@ def test_a_command_prints_verdict_notes_and_table():
     noted = fc.study.Comparison("strip", "a verdict", table, remarks=("a note",))
     assert noted.summary() == f"a verdict\na note\n\n{table}\n"
     rows = {"on front": True, "seconds": 1.0}, {"on front": False, "status": "skipped"}
-    chart = fc.study.Chart(
+    chart = fc.study.Front(
         "strip", "a verdict", Table(tuple({"status": "no"} | row for row in rows))
     )
     lines = chart.summary().splitlines()

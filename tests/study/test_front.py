@@ -7,7 +7,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.errors import InputError
-from fecloth.study import problems
+from fecloth.study import problem as problems
 from fecloth.study.charts import LONGEST_CASE as LONGEST_OF_CHART
 from fecloth.study.opened import open_study
 from fecloth.study.stability_map import LONGEST_CASE as LONGEST_OF_STABILITY

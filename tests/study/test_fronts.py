@@ -23,7 +23,7 @@ def strip(h, stiffness=20.0, pattern="right"):
     """A strip that hangs in its plane."""
     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern=pattern)
     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    system = fc.System(cloth, fc.Fabric(0.2, stiffness, 0.0), terms, pins=["left"])
+    system = fc.System(cloth, fc.Fabric(0.2, stiffness, 0.3), terms, pins=["left"])
     return cloth, system, None, system.rest()
 
 
@@ -200,7 +200,7 @@ def test_the_limit_of_a_front_is_the_closed_form():
 
 @pytest.fixture(scope="module")
 def hanging(counted_work):
-    return fc.study.front(strip, "tip.x", tolerance=1e-4, h=0.25, probes=TIP)
+    return fc.study.front(strip, "tip.x", tolerance=2e-3, h=0.25, probes=TIP)
 
 
 def test_each_row_has_its_setting_its_error_and_its_seconds(hanging):
@@ -228,9 +228,9 @@ def test_no_row_beats_the_front_and_the_front_beats_all_others(hanging):
 
 
 def test_the_cheapest_row_depends_on_the_tolerance(hanging):
-    loose, tight = hanging.cheapest(0.05), hanging.cheapest(1e-4)
+    loose, tight = hanging.cheapest(0.05), hanging.cheapest(2e-3)
     assert loose["seconds"] < tight["seconds"]
-    assert tight["at most %"] <= 0.01 < loose["at most %"]
+    assert tight["at most %"] <= 0.2 < loose["at most %"]
     assert hanging.cheapest(1e-12) is None
 
 

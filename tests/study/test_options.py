@@ -100,13 +100,13 @@ def test_a_function_is_not_called_again_for_the_size_of_its_runs():
     finer = problem.at({"stiffness": 1.0}).finer(h=10, dt=2, sharper=1.0)
     assert finer.work.triangles == pytest.approx(100 * triangles)
     assert finer.work.steps == 100
-    assert not finer.work.is_explicit
+    assert not finer.work.kind == "explicit"
     assert StudyProblem.of(strip, h=0.25).finer(h=10).work.unit == "Newton iterations"
 
 
 def test_a_function_with_another_method_has_the_steps_of_that_method():
     chosen = StudyProblem.of(strip, h=0.25, t_end=0.5).choose(method="central")
-    assert chosen.work.is_explicit
+    assert chosen.work.kind == "explicit"
     stable = fc.critical_dt(chosen.first.system, chosen.first.start, "central_difference")
     assert chosen.work.steps == pytest.approx(0.5 / stable, abs=1)
     finer = chosen.finer(h=10)

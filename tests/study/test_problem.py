@@ -85,7 +85,7 @@ def needy(h, stiffness, power=0):
 def test_a_function_takes_the_values_without_which_it_has_no_set_up():
     opened = StudyProblem.of(needy, h=0.25)
     completed = opened.completed({"stiffness": 3.0, "power": 2})
-    assert completed.source.arguments == {"h": 0.25, "dt": None, "stiffness": 3.0}
+    assert completed.source.arguments == {"h": 0.25, "stiffness": 3.0}
     assert completed.root is None  # its size comes from its own set-up
     assert completed.completed({"stiffness": 5.0}) is completed
 

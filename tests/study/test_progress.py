@@ -90,8 +90,6 @@ def test_commands_share_the_cases_that_they_have_in_common(scene, tmp_path, caps
     assert "stored: 1 of 2\n" in capsys.readouterr().err
     study.compare(scene, "fabric.tensile_stiffness=20,40", "tip.x", **run)
     assert "stored: 4 of 6\n" in capsys.readouterr().err
-    study.chart(scene, "tip.x", elements=["P1"], meshes=1, **run)
-    assert "stored: 3 of 3\n" in capsys.readouterr().err
 
 
 def test_the_quantities_of_interest_share_their_runs(scene, tmp_path, capsys):

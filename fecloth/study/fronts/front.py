@@ -94,7 +94,7 @@ def front(
         seconds=seconds,
         runs=study.runs(),
     )
-    refuse_huge(coarse(opened), plan.runs)
+    refuse_huge(opened, plan.runs)
     doubts = print_doubts(opened)
     return replace(run_front(plan), doubts=doubts)
 
@@ -111,11 +111,6 @@ def read_axes(axes: Axes) -> dict[str, list | None]:
             allowed = f"must be one of {', '.join(AXES)}"
             raise InputError(what, allowed, "front", did_you_mean(name, AXES))
     return values
-
-
-def coarse(problem: StudyProblem) -> StudyProblem:
-    """Return the problem on a mesh whose size tells whether a front can begin at all."""
-    return problem.finer(h=0.25)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +220,7 @@ def run_front(plan: Plan) -> Front:
     bench = Bench(settings, plan.quantities, how, plan.seconds, study=plan.study)
     lines = plan.lines()
     bench.say("stage 1 of 2: the limit, by levels that are ever finer")
-    limit = find_limit(bench, lines, plan.tolerance, plan.levels)
+    limit = find_limit(bench, lines, plan.tolerance, plan.levels, bench.say)
     if values := plan.values:  # the levels of the limit have other h and dt
         bench = bench.with_settings(replace(settings, values=values))
     search, why = search_lines(plan, bench, limit, lines)
@@ -240,7 +235,7 @@ def search_lines(
 
     The lines that met the tolerance in the least time run with the other patterns, too.
     """
-    search = Search(bench, limit, plan.tolerance, longest)
+    search = Search(bench, limit, plan.tolerance, longest, report=bench.say)
     if not limit.is_known:
         return search, limit.why_unknown
     bench.say("stage 2 of 2: settings in the order of their cost")

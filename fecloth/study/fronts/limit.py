@@ -1,7 +1,7 @@
 """The limit of the quantities of a problem: one line of settings, refined until it is known."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -170,7 +170,11 @@ def shrinks(estimate: Estimate) -> bool:
 
 
 def find_limit(
-    bench: Bench, lines: Sequence[Line], tolerance: float, levels: int = LEAST_LEVELS
+    bench: Bench,
+    lines: Sequence[Line],
+    tolerance: float,
+    levels: int = LEAST_LEVELS,
+    report: Callable[[str], None] = lambda words: None,
 ) -> Limit:
     """Refine the most promising line until the uncertainty of the limit is small enough.
 
@@ -178,7 +182,8 @@ def find_limit(
     time goes on, by what its levels took and by how they changed: so a line whose changes do not
     shrink gives way to another. The limit is the one of the ladder with the least uncertainty.
     It has at least `levels` levels, as far as the time allows. The levels run with a sharper
-    solver, so that the limit has no error of the solver, and distances to it have.
+    solver, so that the limit has no error of the solver, and distances to it have. `report` is
+    told each level in words.
 
     Raises
     ------
@@ -212,7 +217,7 @@ def find_limit(
         ladder.go_on()
         known = best.uncertainty.max() if best else math.inf
         words = f"U of the limit {100 * known:.2g} %" if known < math.inf else "U not known yet"
-        bench.say(f"level {len(ladder.levels)} of {ladder.line or 'the limit'}; {words}")
+        report(f"level {len(ladder.levels)} of {str(ladder.line) or 'the limit'}; {words}")
     if best is None:  # no ladder has three levels: its finest one counts, with an unknown error
         started = [ladder for ladder in ladders if ladder.levels]
         if started:

@@ -2,7 +2,7 @@
 
 import heapq
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 
@@ -51,6 +51,10 @@ class Search:
         Settings that do not count, because a finer neighbour of theirs has a larger error.
     distances
         The relative distances (q,) to the limit of settings that were asked for.
+    number
+        The number of the next setting in the queue.
+    report
+        Is told each setting that is the cheapest so far, in words.
     """
 
     bench: Bench
@@ -62,6 +66,7 @@ class Search:
     by_chance: set[Setting] = field(default_factory=set)
     distances: dict[Setting, np.ndarray] = field(default_factory=dict)
     number: Iterator[int] = field(default_factory=count)
+    report: Callable[[str], None] = lambda words: None
 
     def add_lines(self, lines: Sequence[Line]) -> None:
         """Add the coarsest settings of lines."""
@@ -156,7 +161,7 @@ class Search:
             self.bench.run(setting, most)
             if self.cheapest == setting:
                 words = f"error + U of {100 * self.bound(setting):.2g} %"
-                self.bench.say(f"{words} in {self.bench.took(setting):.2g} s")
+                self.report(f"{words} in {self.bench.took(setting):.2g} s")
             if setting in self.bench.rows:
                 self.seen.add(setting)
                 self._add_finer(setting, expected)

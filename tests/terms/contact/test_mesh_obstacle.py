@@ -3,12 +3,12 @@
 import meshio
 import numpy as np
 import pytest
-from fecloth.study.scene_problem import digest_of_files
 
 import fecloth as fc
 from fecloth.errors import InputError, MeshError
 from fecloth.mesh.read import read_surface
 from fecloth.scene.scene import load_scene
+from fecloth.study.scene_source import digest_of_files
 from fecloth.terms.step_difference import StepDifference
 
 pytest.importorskip("ipctk")
