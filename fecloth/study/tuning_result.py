@@ -8,7 +8,7 @@ from typing import Any
 
 from fecloth import errors
 from fecloth.study.figures import Figure
-from fecloth.study.fronts.drawing import draw_front
+from fecloth.study.fronts.drawing import bound_of, draw_front
 from fecloth.study.result import StudyResult, Table, in_percent
 
 
@@ -100,7 +100,9 @@ class Tuned(StudyResult):
         rows: Any = self.table
         tuned = [row for row in rows if row.get("tuned") and row.get("at most %")]
         for row in tuned:
-            ax.plot([row["seconds"]], [row["at most %"]], "o", ms=18, mfc="none", mec="k", mew=1.6)
+            ax.plot(
+                [row["seconds"]], [bound_of(row, " %")], "o", ms=18, mfc="none", mec="k", mew=1.6
+            )
         if tuned and math.isfinite(self.tolerance):
             ax.axhline(100 * self.tolerance, color="k", ls="--", lw=1)
         if tuned and math.isfinite(self.budget):

@@ -100,7 +100,7 @@ def test_a_function_is_not_called_again_for_the_size_of_its_runs():
     finer = problem.at({"stiffness": 1.0}).finer(h=10, dt=2, sharper=1.0)
     assert finer.work.triangles == pytest.approx(100 * triangles)
     assert finer.work.steps == 100
-    assert not finer.work.kind == "explicit"
+    assert finer.work.kind != "explicit"
     assert StudyProblem.of(strip, h=0.25).finer(h=10).work.unit == "Newton iterations"
 
 

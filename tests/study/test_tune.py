@@ -14,6 +14,7 @@ from fecloth.scene.scene import load_scene, scene_of
 from fecloth.simulation.quantity_values import relative_difference
 from fecloth.study.command import StudyFailed
 from fecloth.study.fronts.bench import Bench
+from fecloth.study.fronts.drawing import bound_of
 from fecloth.study.fronts.settings import Settings
 from fecloth.study.problem import StudyProblem
 from fecloth.study.result import Table
@@ -198,7 +199,7 @@ def test_the_figure_has_a_ring_at_the_tuned_run_and_a_line_at_the_tolerance(tune
     (ax,) = tuned_strip.figure().axes
     (own,) = [row for row in tuned_strip.table if row["tuned"]]
     (ring,) = [line for line in ax.lines if line.get_markersize() == 18]
-    assert ring.get_xydata().tolist() == [[own["seconds"], own["at most %"]]]
+    assert ring.get_xydata().tolist() == [[own["seconds"], bound_of(own, " %")]]
     dashed = [line for line in ax.lines if line.get_ls() == "--" and line.get_color() == "k"]
     assert [set(line.get_ydata()) for line in dashed] == [{1.0}]
 
