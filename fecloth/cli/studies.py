@@ -106,6 +106,26 @@ def chart(
 
 
 @study
+def front(
+    scene: SceneFile,
+    *,
+    quantity: Quantities = None,
+    axes: Annotated[
+        Names, "what varies, with commas: h,dt,method,element,pattern,model,terms,gap", "A,B"
+    ] = None,
+    tolerance: Annotated[str, "relative error that is sought, as 1%% or 0.01 (1%%)", "T"] = "1%",
+    seconds: Seconds = 120.0,
+    set_: Changes = None,
+    running: Running,
+) -> "StudyResult":
+    """Run settings in the order of their cost, down to an error."""
+    asked = running.open(set_, scene)
+    if axes is None:
+        return asked.front(quantity, tolerance=tolerance, seconds=seconds)
+    return asked.front(quantity, axes, tolerance, seconds)
+
+
+@study
 def stability(
     scene: SceneFile,
     *,
