@@ -141,8 +141,9 @@ class Search:
         refine_h, refine_dt = self.bench.settings.can_be_finer(setting)
         neighbours = [setting.finer(i=1)] * refine_h + [setting.finer(j=1)] * refine_dt
         for neighbour in neighbours:
-            if self.bench.allows(2 * GROWTH * self.bench.took(setting)):
-                self.bench.run(neighbour)
+            expected = GROWTH * self.bench.took(setting)
+            if self.bench.allows(2 * expected):
+                self.bench.run(neighbour, PATIENCE * expected)
             if self.bench.is_ok(neighbour) and self.bound(neighbour) > self.tolerance:
                 return True
         return False

@@ -22,7 +22,7 @@ from fecloth.study.derived_cases import Sought, derive_case
 from fecloth.study.parameters import choose_parameters
 from fecloth.study.problem import StudyProblem
 from studies import harness
-from studies.evidence.benchmarks.measure import Measured, print_verdicts, square
+from studies.evidence.benchmarks.measure import square
 
 TRIANGLES, FEW = 4000, 100
 LIMITS = {"pardiso": 0.3, "pcg": 0.6, "equilibrium": 1.5}
@@ -105,7 +105,7 @@ def _timed(work) -> float:
     return time.process_time() - begin
 
 
-def measure_motion(triangles: int, linear: str, repeats: int) -> list[Measured]:
+def measure_motion(triangles: int, linear: str, repeats: int) -> harness.Finding:
     problem = StudyProblem.of(swinging(square(triangles)), dt=DT, t_end=T_END)
     setup = replace(problem.setup(), linear=linear, newton=NEWTON)
     system, start, steps = setup.system, setup.start, setup.steps
@@ -127,10 +127,10 @@ def measure_motion(triangles: int, linear: str, repeats: int) -> list[Measured]:
     count = len(choose_parameters(problem, None, {}))
     print(f"BDF2 with {linear}: {plain:.2f} s, with {count} derivatives {whole:.2f} s")
     what = f"a derivative of BDF2 with {linear}, {triangles} triangles / run"
-    return [Measured(what, (whole - plain) / plain / count, "ratio", LIMITS[linear])]
+    return harness.Finding(what, (whole - plain) / plain / count, high=LIMITS[linear])
 
 
-def measure_rest(problem, kind: str, repeats: int) -> list[Measured]:
+def measure_rest(problem, kind: str, repeats: int) -> harness.Finding:
     opened = StudyProblem.of(problem)
     parameters = choose_parameters(opened, None, {})[:20]
     sought = Sought(parameters, (parse_quantity("sag"),), 1e-4)
@@ -151,21 +151,19 @@ def measure_rest(problem, kind: str, repeats: int) -> list[Measured]:
         f"equilibrium of a {kind}: {plain:.2f} s, with {len(parameters)} derivatives {whole:.2f} s"
     )
     what = f"equilibrium of a {kind}, {triangles} triangles, with {len(parameters)} derivatives"
-    return [Measured(f"{what} / without", whole / plain, "ratio", LIMITS["equilibrium"])]
+    return harness.Finding(f"{what} / without", whole / plain, high=LIMITS["equilibrium"])
 
 
-def main() -> int:
+def main() -> None:
     parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few triangles, once")
-    few = parser.parse_args().quick
-    size, repeats = (FEW, 1) if few else (TRIANGLES, 5)
-    jobs = [lambda name=name: measure_motion(size, name, repeats) for name in ("pardiso", "pcg")]
-    for problem, kind in (
-        (hanging(square(size // 2)), "function"),
-        (hanging_scene(size // 2), "scene"),
-    ):
-        jobs.append(lambda problem=problem, kind=kind: measure_rest(problem, kind, repeats))
-    return print_verdicts(jobs, few)
+    size, repeats = TRIANGLES, 5
+    if parser.parse_args().quick:
+        size, repeats = FEW, 1
+    for linear in ("pardiso", "pcg"):
+        print(measure_motion(size, linear, repeats), flush=True)
+    print(measure_rest(hanging(square(size // 2)), "function", repeats), flush=True)
+    print(measure_rest(hanging_scene(size // 2), "scene", repeats), flush=True)
 
 
 if __name__ == "__main__":
