@@ -72,6 +72,8 @@ def chart(
     validation.whole("levels", levels, LEAST_LEVELS, "chart", most=10)
     validation.number("seconds", seconds, 0.0, "chart")
     opened = study.problem
+    runs = study.runs(LONGEST_CASE)
+    refuse_huge(opened, runs)
     refuse_methods(opened, methods, "chart")
     chosen = opened.choose_quantity(quantity)
     if chosen.how == "mode":
@@ -86,12 +88,11 @@ def chart(
         axes=axes,
         tolerance=NAMED_ERRORS[-1] / 100,
         seconds=seconds,
-        runs=study.runs(LONGEST_CASE),
+        runs=runs,
         study="chart",
         levels=levels,
         finest=None if opened.h is None else opened.h / 2 ** (meshes - 1),
     )
-    refuse_huge(opened, plan.runs)
     doubts = print_doubts(opened)
     others: tuple[str, ...] = ()
     if quantity is None:

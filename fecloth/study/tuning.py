@@ -116,7 +116,8 @@ def tune(
         If no run on a coarse mesh reaches its end.
     """
     study = open_study(problem, shared)
-    opened = study.problem
+    opened, runs = study.problem, study.runs()
+    refuse_huge(opened, runs)
     if to_data:
         if tolerance is not None:
             raise InputError("to_data and tolerance are given", "give one of them", "tune")
@@ -133,8 +134,7 @@ def tune(
     axes |= {
         name: list(given) for name, given in (("method", methods), ("element", elements)) if given
     }
-    plan = Plan(opened, quantities, axes, goal.tolerance, seconds, study.runs())
-    refuse_huge(opened, plan.runs)
+    plan = Plan(opened, quantities, axes, goal.tolerance, seconds, runs)
     doubts = print_doubts(opened)
     tuned = find_tuned(plan, goal, model=model)
     tuned = replace(tuned, doubts=doubts)

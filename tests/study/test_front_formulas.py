@@ -11,7 +11,7 @@ import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.simulation.time_error_words import LARGEST_STATED
 from fecloth.study import tuning
-from fecloth.study.fronts import bench, front, limit
+from fecloth.study.fronts import bench, limit
 from fecloth.study.fronts.bench import Bench, check_sizes
 from fecloth.study.fronts.front import Plan
 from fecloth.study.fronts.limit import Ladder, Limit, find_limit, is_second_order
@@ -455,7 +455,21 @@ def test_a_search_keeps_three_runs_of_the_cheapest_setting(left, runs):
     search.bench.run = lambda setting, most: asked.append((setting, most))
     search.bench.rows[Setting(OTHER)] = {"status": "time limit"}
     assert search.run() == ("" if runs else "the time is up")
-    assert asked == ([(Setting(OTHER), 4 * 0.6)] if runs else [])
+    if runs:  # then the finer neighbours of the cheapest, which need 1.6 s each
+        finer = [(Setting(LINE, 1, 0), 4 * 1.6), (Setting(LINE, 0, 1), 4 * 1.6)]
+        assert asked == [(Setting(OTHER), 4 * 0.6), *finer]
+    else:
+        assert asked == []
+
+
+@pytest.mark.parametrize(("finer", "meets"), [(0.02, False), (0.009, True)])
+def test_a_setting_does_not_count_if_a_finer_one_exceeds_the_tolerance(finer, meets):
+    """As where the errors of a coarse setting in space and in time cancel."""
+    search = search_of([(0.001, 0.001), (finer, 0.001)])
+    search.bench.allows = lambda seconds: False
+    assert search.run() == ""
+    assert (Setting(LINE) in search.by_chance) != meets
+    assert (search.cheapest == Setting(LINE)) == meets
 
 
 # --- settings and plans ---------------------------------------------------------------------------
@@ -493,10 +507,6 @@ def test_methods_of_a_function_have_the_names_of_a_scene(problem):
     assert problem.choose(method="central_difference").dt is None  # its stable step
 
 
-def test_a_front_begins_only_if_a_mesh_four_times_coarser_can_run(problem):
-    assert front.coarse(problem).h == 4 * problem.h
-
-
 # --- tune -----------------------------------------------------------------------------------------
 
 
@@ -510,10 +520,10 @@ def test_with_a_budget_tolerances_get_smaller_until_none_is_met(monkeypatch):
         return SimpleNamespace(cheapest=plan.tolerance > 2e-3, at=plan.tolerance), ""
 
     monkeypatch.setattr(tuning, "search_lines", search_lines)
-    monkeypatch.setattr(tuning, "find_limit", lambda bench, lines, tolerance: None)
+    monkeypatch.setattr(tuning, "find_limit", lambda bench, lines, tolerance, report: None)
     plan = Plan(SimpleNamespace(), (), {}, 0.1, 1.0, Runs())
     monkeypatch.setattr(Plan, "lines", lambda self: [])
-    best, why = search_within_budget(plan, None, Goal(budget=2.0))
+    best, why = search_within_budget(plan, SimpleNamespace(say=print), Goal(budget=2.0))
     assert tried == pytest.approx([10 ** (-1 - k / 2) for k in range(5)])
     assert best.at == pytest.approx(10**-2.5)
     assert why == ""

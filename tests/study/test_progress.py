@@ -117,7 +117,7 @@ def test_values_that_only_the_mesh_refuses_are_rows_or_an_error(scene):
         study.sweep(scene, {"pins.0.where": ["nowhere"]}, "tip.x")
 
 
-@pytest.mark.parametrize("command", ["converge", "chart", "simplify", "sensitivity"])
+@pytest.mark.parametrize("command", ["converge", "chart", "front", "tune", "simplify", "sensitivity"])
 def test_a_huge_scene_is_refused_before_its_mesh_is_made(command, scene, monkeypatch):
     scene.write_text(scene.read_text().replace("h = 0.125", "h = 1e-5"))
     monkeypatch.setattr(Scene, "build", lambda self, *given: pytest.fail("it was built"))

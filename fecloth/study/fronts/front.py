@@ -83,7 +83,8 @@ def front(
     largest_error = read_tolerance(tolerance)
     validation.number("seconds", seconds, 0.0, "front")
     values = read_axes(axes)
-    opened = study.problem
+    opened, runs = study.problem, study.runs()
+    refuse_huge(opened, runs)
     refuse_methods(opened, values.get("method"), "front")
     asked = opened.quantities[:1] if quantity is None else quantity
     plan = Plan(
@@ -92,9 +93,8 @@ def front(
         axes=values,
         tolerance=largest_error,
         seconds=seconds,
-        runs=study.runs(),
+        runs=runs,
     )
-    refuse_huge(opened, plan.runs)
     doubts = print_doubts(opened)
     return replace(run_front(plan), doubts=doubts)
 
