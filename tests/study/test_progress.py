@@ -117,12 +117,15 @@ def test_values_that_only_the_mesh_refuses_are_rows_or_an_error(scene):
         study.sweep(scene, {"pins.0.where": ["nowhere"]}, "tip.x")
 
 
-@pytest.mark.parametrize("command", ["converge", "chart", "front", "tune", "simplify", "sensitivity"])
-def test_a_huge_scene_is_refused_before_its_mesh_is_made(command, scene, monkeypatch):
+@pytest.mark.parametrize(
+    "function",
+    [study.converge, study.chart, study.front, fc.tune, study.simplify, study.sensitivity],
+)
+def test_a_huge_scene_is_refused_before_its_mesh_is_made(function, scene, monkeypatch):
     scene.write_text(scene.read_text().replace("h = 0.125", "h = 1e-5"))
     monkeypatch.setattr(Scene, "build", lambda self, *given: pytest.fail("it was built"))
     with pytest.raises(InputError, match="above 3,600 s"):
-        getattr(study, command)(scene)
+        function(scene)
 
 
 def test_the_command_names_its_way_out_and_its_mistakes(scene, capsys):
