@@ -17,6 +17,5 @@ def test_the_fastest_call_after_the_first_counts(monkeypatch):
     monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
     monkeypatch.setattr(time, "process_time", lambda: clock[0] / 2)
     seconds = harness.measure_seconds(work, repeats=3)
-    measured = seconds.wall, seconds.cpu, seconds.first, seconds.compiling
-    assert measured == pytest.approx((0.01, 0.005, 0.2, 0.19))
+    assert (seconds.wall, seconds.cpu) == pytest.approx((0.01, 0.005))
     assert seconds.value == 7
