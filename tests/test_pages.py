@@ -29,15 +29,15 @@ STUDIES = sorted({STUDY.search(c)[1] for c in COMMANDS if STUDY.search(c)})
 OURS = [c for c in COMMANDS if re.match(r"(\.venv/bin/)?fecloth \w+ \S", c)]
 # a command's name
 BARE = re.compile(
-    r"fecloth (run|view|render|export|check|mesh|info|converge|compare|chart|stability|simplify"
-    r"|tune|sweep|sensitivity|budget|fit|modes|new|bench|--version)"
+    r"fecloth (run|view|render|export|check|mesh|info|converge|compare|chart|front|stability"
+    r"|simplify|tune|sweep|sensitivity|budget|fit|modes|new|bench|--version)"
 )
 SCENE = ["cloth", "fabric", "terms", "time"]  # what a block needs to be a scene; else a fragment
 # what stands for a name of the reader's own, by command and word; and what makes runs short
 FILLED = {"DIR": "out/SCENE", "my.toml": "SCENE.toml", "mesh FILE": "meshes/square.geo"}
 FILLED |= {
-    "tune 1%": "20%",  # fewer runs
-    "tune 2%": "20%",
+    "front 1%": "3%",  # fewer runs
+    "tune max tip.z": "min tip.z",  # the cloth of the test falls from z = 0
     "render FILE": "swing.gif",
     "export FILE": "cloth.usda",
     "NAME": "Wind",
@@ -63,13 +63,20 @@ SHORTER = {
     "studies/scenes/drape.toml": ["cloth.h=0.02", "time.t_end=0.1"],
     "napkin.toml": ["cloth.h=0.05", "time.t_end=0.1"],
     "SCENE.toml": ["cloth.h=0.2", "time.t_end=0.05", "output.restart_steps=10"],
+    "FRONT.toml": [],
 }
+FRONTS = ("chart", "front", "tune")  # studies that run many settings: of a scene of few seconds
 MINIMAL = """
 cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25 }
 fabric = { areal_density = 0.2, tensile_stiffness = 1000.0, bending_rigidity = 1e-5 }
 terms = [{ type = "StVK" }, { type = "Gravity" }]
 pins = [{ where = "left" }]
 time = { method = "backward_euler", dt = 0.01, t_end = 0.1 }
+"""
+FRONT = f"""
+{MINIMAL}
+probes = [{{ name = "tip", where = "right" }}]
+interest.end = ["tip.z"]
 """
 
 
@@ -87,12 +94,14 @@ def filled(command):
     """A command's words but the first, with the reader's own names filled in, and made short."""
     name, *given = words(command)[1:]
     given = [FILLED.get(word, FILLED.get(f"{name} {word}", word)) for word in given]
+    if name in FRONTS:
+        given = [word.replace("SCENE.toml", "FRONT.toml") for word in given]
     for scene in (word for word in given if word.endswith(".toml") and name not in ("mesh", "fit")):
         assert scene in SHORTER, f"{scene}: say in SHORTER how a test runs it"
         given += [word for value in SHORTER[scene] for word in ("--set", value)]
     if name == "tune" and "--methods" not in given:
         given += ["--elements", "P1", "--methods", "bdf2", "--quantity", "tip.z"]
-    given += {"chart": ["--meshes", "1"], "converge": ["--levels", "3"]}.get(name, [])
+    given += {"converge": ["--levels", "3"]}.get(name, [])
     given += ["--overwrite"] if name == "new" else []
     if "--resume" in given:  # a run that has come to its end goes on to a later one
         given += ["--set", "time.t_end=0.06"]
@@ -117,6 +126,7 @@ def runs(tmp_path_factory):
     given = [block for section in SECTIONS for block in section.blocks]
     scenes = [b.text for b in given if b.language == "toml" and not b.file and is_scene(b.text)]
     (folder / "SCENE.toml").write_text(max(scenes, key=len, default=""), encoding="utf-8")
+    (folder / "FRONT.toml").write_text(FRONT, encoding="utf-8")
     for block in (b for b in given if b.file):
         (folder / block.file).write_text(block.text, encoding="utf-8")
     with contextlib.chdir(folder):
