@@ -60,7 +60,7 @@ def truth(specimen: Specimen, numbers: dict[str, float], extra: float = 0.0) -> 
     """The quantity on another mesh and element."""
     opened = specimen.open(**numbers, **TRUE, extra=extra)
     chosen = opened.problem.choose_quantities([specimen.quantity])
-    values, lost = Work(opened, opened.problem, chosen, opened.runs()).run([("truth", {})])
+    values, lost = Work(opened, chosen).run([("truth", {})])
     assert not lost, lost
     return float(values[0, 0])
 
