@@ -183,8 +183,8 @@ class Follower:
         """Add the derivatives of the row at the end of a step, and derive the ledger there.
 
         Both are central differences between the steps at p + ε and p − ε, which `derived` has.
-        The arguments `old`, `ledger` and `method` are those of `follow`; `sides` are the
-        systems at p ± ε.
+        For the arguments `old`, `ledger` and `method` see `follow`; `sides` are the systems at
+        p ± ε.
         """
         rows = []
         ledgers = []

@@ -105,7 +105,10 @@ class StudyProblem:
 
     @property
     def tables(self) -> dict:
-        """The values as nested tables; of a function those that studies look at."""
+        """The values as nested tables.
+
+        The tables of a function have only the values that a study reads.
+        """
         return self.source.tables
 
     @property

@@ -274,9 +274,9 @@ def join(variants: Sequence[Variant]) -> Variant:
 def combine(original: Original, trials: Sequence[Trial]) -> tuple[list[Variant], list[Trial]]:
     """Take one needless variant after the other, as long as all together change little.
 
-    Those that save most per change come first. Each is run together with all that are taken so
-    far, and is taken if that run is worth it, see `is_worth`. It takes the place of an earlier
-    variant of its slot, unless that left out a term.
+    The variants that save most time for their change come first. Each variant runs together with
+    all variants that are taken so far, and is taken if this run is worth it, see `is_worth`. It
+    takes the place of an earlier variant of its slot, unless the earlier variant left out a term.
 
     Return the variants that are taken, and the runs of several variants.
     """

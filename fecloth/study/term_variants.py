@@ -77,7 +77,7 @@ def simpler_terms(problem: StudyProblem) -> list[TermVariant]:
 
     Cheaper is a term of the same kind that its traits name, no friction, a wider gap, and on P2
     the strain at points in place of the interpolated strain. The slot of a variant is the key of
-    its term, as "terms.2". Numbers of terms are those of the problem also when some are left out,
+    its term, as "terms.2". A term keeps its number in the problem when other terms are left out,
     so that variants of different terms can be combined.
     """
     terms = problem.first.system.terms

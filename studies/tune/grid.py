@@ -103,7 +103,7 @@ def measure_best(
 ) -> tuple[float, Choice] | None:
     """Measure settings again, as for a chart; return seconds and choice of the cheapest one.
 
-    Only those that meet the tolerance count: return None if there is none.
+    Only settings that meet the tolerance count: return None if no setting does.
     """
     problem = StudyProblem.of(tried.scene())
     measured = [

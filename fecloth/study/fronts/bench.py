@@ -31,7 +31,7 @@ SHARPER = 100.0  # divides the solver's tolerance: what is left of it makes near
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """The settings of a problem, and the rows of those that have run.
+    """The settings of a problem, and the rows of the settings that have run.
 
     Attributes
     ----------
@@ -188,8 +188,9 @@ def check_sizes(quantities: Sequence[Quantity], row: Row, where: str) -> None:
 def _length_of_vector(quantity: Quantity, row: Mapping) -> float:
     """Return the length of the vector at the end of a run, of which a quantity is a component.
 
-    For a probe it is the distance from its start to its end: a place alone has no size. Return 0
-    for a quantity that is no component of a vector.
+    The vector of a probe is its displacement from the start to the end of the run, because the
+    length of a position depends on the origin. Return 0 for a quantity that is no component of a
+    vector.
     """
     name = quantity.column.rpartition(".")[0]
     components = [row["ends"].get(f"{name}.{axis}") for axis in "xyz"]

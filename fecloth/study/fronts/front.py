@@ -164,7 +164,10 @@ class Plan:
 
     @property
     def values(self) -> dict[str, list[float]]:
-        """The only values of h and dt to try, the coarsest first; without those that are free."""
+        """The values of h and of dt to try, the coarsest first.
+
+        An axis whose values the search chooses itself has no entry.
+        """
         values = {}
         for name, own in (("h", self.problem.h), ("dt", self.problem.dt)):
             given = self.axes.get(name, [own] if own is not None else None)

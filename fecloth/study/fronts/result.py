@@ -131,7 +131,7 @@ def find_cheapest(rows: Sequence[Row], most: float) -> Row | None:
 def describe_front(table: Table, limit: Convergence | None, tolerance: float = math.nan) -> str:
     """Return a line on the cheapest setting for each of the errors 10, 1 and 0.1 %.
 
-    The `tolerance` that was asked for [%] is among them, and no smaller error is named. A setting
+    The `tolerance` that the user asked for [%] is one of the errors, and the smallest. A setting
     that is the cheapest for several errors has one line. The last line says which error no
     setting reaches, if there is one.
     """
