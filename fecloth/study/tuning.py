@@ -397,7 +397,7 @@ def make_tuned(plan: Plan, goal: Goal, reduced: Reduced, search: Search, why: st
         tolerance=math.nan if goal.has_budget else goal.tolerance,
         budget=goal.budget if goal.has_budget else math.nan,
         quantities=tuple(quantity.text for quantity in plan.quantities),
-        parts={name: size for name, size in parts.items() if math.isfinite(size)},
+        parts=parts if math.isfinite(error) else {},  # without a limit no part is known
         settings=describe_choice(bench, setting, row),
         text=problem.source.file_text,
         search_seconds=bench.spent,

@@ -77,6 +77,8 @@ class Tuned(StudyResult):
     def summary(self) -> str:
         """What the command prints: the verdict, the notes, and the settings that none beats."""
         rows = [row for row in self.table if row.get("on front")]
+        if not rows:  # no setting has a known error
+            return "\n".join(self.words())
         count = f"These are {len(rows)} of {len(self.table)} settings; the report has all."
         return "\n".join([*self.words(), "", str(Table(tuple(rows))), "", count])
 

@@ -3,6 +3,7 @@
 import math
 import re
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,6 +69,12 @@ def tuned_strip(tmp_path_factory, counted_work):
     """The strip, tuned with P1 only."""
     folder = tmp_path_factory.mktemp("strip")
     return fc.tune(write(folder, STRIP), "1%", elements=["P1"], folder=folder)
+
+
+def test_without_a_known_error_the_summary_has_no_table(tuned_strip):
+    assert "settings; the report has all" in tuned_strip.summary()
+    unknown = replace(tuned_strip, table=Table(()))
+    assert unknown.summary() == "\n".join(unknown.words())
 
 
 def largest_error(exact, tuned):

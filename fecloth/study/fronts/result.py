@@ -98,6 +98,8 @@ class Front(StudyResult):
 
     def summary(self) -> str:
         """What the command prints: the verdict, the notes and the front."""
+        if not self.front:  # no setting has a known error
+            return "\n".join(self.words())
         count = f"These are {len(self.front)} of {len(self.table)} settings"
         words = f"{count}: no other is as accurate\nat the same cost. The report has all."
         return "\n".join([*self.words(), "", str(self.front), "", words])
