@@ -7,7 +7,7 @@ those of the calls one by one.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -110,10 +110,7 @@ class JoinedStage:
         """Join the calls of a system; None if a term needs Python, or if threads may share it."""
         if not system.is_whole or system.team.shares(len(system.cloth.triangles)):
             return None
-        terms = tuple(
-            replace(term) if term.step_arrays and is_dataclass(term) else term  # type: ignore[type-var]
-            for term in system.bound
-        )
+        terms = tuple(_own_copy(term) for term in system.bound)
         arrays = StageArrays.of(len(system.cloth.X), len(terms))
         stage = cls(system, terms, matrix, arrays)
         needed = {
@@ -312,6 +309,11 @@ class LastStage:
                 return None
         self.joined.begin(system, stage)
         return self.joined
+
+
+def _own_copy(term: Any) -> Any:
+    """A copy of a term over a step, with arrays of its own; any other term itself."""
+    return replace(term) if term.step_arrays else term
 
 
 def _differ_in_arrays(old: BoundTerm, new: BoundTerm) -> bool:

@@ -118,8 +118,13 @@ class StageEquation:
         The scale is ‖M a‖ + Σ ‖f_term‖, reactions included, at the first iterate, where `scale`
         is 0. Later it is returned as it is given.
         """
+        if self.joined and scale:
+            return self.joined.residual(q), scale
         if self.joined:
-            return (self.joined.residual(q), scale) if scale else self.joined.first_residual(q)
+            R, scale = self.joined.first_residual(q)
+            if np.isfinite(scale):
+                return R, scale
+            scale = 0.0  # the terms below raise an error if a load is not finite
         x, v, a = self.stage.at(q)
         system = self.system
         inertia = system.scalar_mass @ a
