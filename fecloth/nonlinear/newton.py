@@ -168,6 +168,10 @@ class StageEquation:
             return
         self.system.project(self.system.assemble(J, self.state(q), wx, wv, wa, definite))
 
+    def mass_weight(self, remedy: Remedy) -> float:
+        """(1 + σ) wa."""
+        return (1 + remedy.shift) * self.stage.wa
+
     def couple(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
         """J plus what terms couple outside its pattern."""
         _, wx, wv, _, definite = self.key(remedy)
@@ -183,7 +187,7 @@ class StageEquation:
         """The system, the weights of K, D and M, and whether K and D are definite."""
         stage = self.stage
         same = self.system.constraints  # which a system shares with itself over a step
-        return same, stage.wx, stage.wv, (1 + remedy.shift) * stage.wa, remedy.definite
+        return same, stage.wx, stage.wv, self.mass_weight(remedy), remedy.definite
 
     def failure(self, reason: str, point: Point, residual: float) -> NewtonFailed:
         """The error, with what may help."""
