@@ -5,6 +5,7 @@ blocks of three numbers. There the functions of this module name them: the numbe
 three, and a fourth one that counts nothing.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -13,6 +14,11 @@ from numba.core.datamodel import models
 from numba.extending import intrinsic, register_model
 
 WIDTH = 4
+
+
+def in_kernels(generator: Callable[..., Any]) -> Any:
+    """Make a function for kernels of one that generates its code."""
+    return intrinsic(generator)
 
 
 class Lanes(types.Type):
@@ -32,7 +38,9 @@ class _LanesModel(models.PrimitiveModel):
         super().__init__(manager, kind, ir.VectorType(number, WIDTH))
 
 
-def _address(context: Any, builder: Any, kind: Any, array: Any, index_types: Any, index: Any) -> Any:
+def _address(
+    context: Any, builder: Any, kind: Any, array: Any, index_types: Any, index: Any
+) -> Any:
     """Pointer to four numbers in an array of the type `kind`, from an index on."""
     numbers = zip(cgutils.unpack_tuple(builder, index), index_types, strict=True)
     indices = [context.cast(builder, number, of, types.intp) for number, of in numbers]
@@ -43,7 +51,7 @@ def _address(context: Any, builder: Any, kind: Any, array: Any, index_types: Any
     return builder.bitcast(first, numbers_at_once.as_pointer())
 
 
-@intrinsic
+@in_kernels
 def load(typing: Any, array: Any, index: Any) -> Any:
     """The four numbers of an array from an index on, a tuple; missing indices are 0.
 
@@ -57,7 +65,7 @@ def load(typing: Any, array: Any, index: Any) -> Any:
     return Lanes(array.dtype)(array, index), generate
 
 
-@intrinsic
+@in_kernels
 def repeat(typing: Any, number: Any) -> Any:
     """Four times the same number."""
 
@@ -69,7 +77,7 @@ def repeat(typing: Any, number: Any) -> Any:
     return Lanes(number)(number), generate
 
 
-@intrinsic
+@in_kernels
 def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
     """a b + c of each of the four numbers, rounded once where the processor can."""
 
@@ -80,7 +88,7 @@ def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
     return a(a, b, c), generate
 
 
-@intrinsic
+@in_kernels
 def rotate(typing: Any, lanes: Any) -> Any:
     """The last number, and then the first three."""
 
@@ -91,7 +99,7 @@ def rotate(typing: Any, lanes: Any) -> Any:
     return lanes(lanes), generate
 
 
-@intrinsic
+@in_kernels
 def sum_of(typing: Any, a: Any, b: Any) -> Any:
     """The sum of the four numbers of a and the four of b."""
 

@@ -108,7 +108,7 @@ def conjugate_gradients(
         The number of iterations; CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS; and
         the numbers to go on with.
     """
-    r, z, p, q = vectors
+    _, z, p, q = vectors
     begin, end = part_of(member, 0, sums.shape[1])  # this thread's blocks of nodes
     rz, rr, beta, scale = carry
     if rz < 0.0:  # a start: z = M⁻¹ r, without a step

@@ -234,9 +234,7 @@ def _iterate_in_single(
 
 
 @inner
-def _convert(
-    begin: int, end: int, A: BlockRows, inverse: Array, scale: float, work: Work
-) -> None:
+def _convert(begin: int, end: int, A: BlockRows, inverse: Array, scale: float, work: Work) -> None:
     """Write rows begin … end − 1 of A, M⁻¹ and `scale` r to the arrays in float32; d = 0."""
     own = slice(A.indptr[begin], A.indptr[end])
     _copy(A.values[own], work.values[own])

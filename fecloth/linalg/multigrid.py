@@ -262,6 +262,7 @@ class Multigrid(PCG):
     name = "multigrid"
     symmetric = True
     keeps_state = True
+    takes_single = False
 
     def __init__(self, max_iterations: int = 10_000):
         super().__init__(max_iterations)

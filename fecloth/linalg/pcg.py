@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from fecloth.compiled.jit import Array, kernel
-from fecloth.compiled.team import ALONE
+from fecloth.compiled.team import ALONE, Team
 from fecloth.compiled.threads import ONLY, Member, members
 from fecloth.errors import IndefiniteMatrix, SolveFailed, amount
 from fecloth.linalg.block_matrix import BlockMatrix
@@ -76,6 +76,7 @@ class PCG:
     name = "pcg"
     symmetric = True
     keeps_state = False
+    takes_single = True  # it iterates in float32 where the tolerance allows it
 
     def __init__(self, max_iterations: int = 10_000):
         self.max_iterations = max_iterations
@@ -94,9 +95,10 @@ class PCG:
         self._A = None
         self.prepared += 1
         n = len(A.pattern)
-        if len(self._inverse) != n or len(self._work.values) != len(A.values):
+        blocks_in_single = len(A.values) if self.takes_single else 0
+        if len(self._inverse) != n or len(self._work.values) != blocks_in_single:
             self._inverse = np.empty((n, 6))
-            self._work = Work.allocate(n, len(A.values))
+            self._work = Work.allocate(n, blocks_in_single)
         invert_diagonal(A, self._inverse, self.name)
         self._A = A
         self._seconds = time.perf_counter() - begin
@@ -135,9 +137,7 @@ class PCG:
 
         def loop(limit: int, progress: Progress, member: Member) -> Progress:
             rows = block_rows(A)
-            return solve_by_cg(
-                rows, self._inverse, b, x, self._work, rtol, limit, progress, member
-            )
+            return solve_by_cg(rows, self._inverse, b, x, self._work, rtol, limit, progress, member)
 
         return self._iterate(A, loop, BEGIN)
 
@@ -151,21 +151,22 @@ class PCG:
         """
         team = A.team if A.team.shares(len(A.pattern)) else ALONE
         while progress.status == OUT_OF_ITERATIONS and progress.iterations < self.max_iterations:
-            before = progress
-            left = self.max_iterations - before.iterations
-            limit = before.iterations + team.portion(self.name, left)
-
-            def together(limit: int = limit, before: Progress = before) -> Progress:
-                sharing = members(team.count)
-                return team.run(lambda p: loop(limit, before, sharing[p]), sharing[0].meeting)
-
-            progress = team.do(
-                self.name,
-                partial(loop, limit, before, ONLY),
-                together,
-                count=lambda after, done=before.iterations: after.iterations - done,
-            )
+            left = self.max_iterations - progress.iterations
+            limit = progress.iterations + team.portion(self.name, left)
+            progress = self._share(team, partial(loop, limit, progress), progress.iterations)
         return progress
+
+    def _share(self, team: Team, portion: Callable[[Member], Progress], done: int) -> Progress:
+        """Do a portion after `done` iterations, on one thread or on all, as the team decides."""
+
+        def together() -> Progress:
+            sharing = members(team.count)
+            return team.run(lambda p: portion(sharing[p]), sharing[0].meeting)
+
+        def count(after: Progress) -> int:
+            return after.iterations - done
+
+        return team.do(self.name, lambda: portion(ONLY), together, count)
 
     def _check(self, progress: Progress, rtol: float) -> None:
         """Raise the error of a solve that has not converged.

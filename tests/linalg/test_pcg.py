@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.matrices import load, reference, relative, sheet
+from support.matrices import load, relative, sheet
 
 from fecloth.errors import IndefiniteMatrix, InputError, SolveFailed
 from fecloth.linalg import select
