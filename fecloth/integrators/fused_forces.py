@@ -12,6 +12,7 @@ from fecloth.integrators.fused_loops import copy
 from fecloth.integrators.numerical_dissipation import has_power_column, has_work_column
 from fecloth.system.system import System
 from fecloth.terms.loops.array_updates import BY_ROWS
+from fecloth.terms.protocol import calls_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,18 +338,11 @@ def compiled_force(term: Any, x: Array, v: Array, t: Array, f: Array) -> Calls |
     """Return the calls of a term's force, or None where it needs Python.
 
     The arguments are as for `BoundTerm.force_calls`.
-
-    A class that overrides `add_force` alone has inherited the calls of another force. Therefore
-    the class that defines `force_calls` must be the class that defines `add_force`, or derived
-    from it.
     """
-    classes = type(term).__mro__
-    of_force = next(kind for kind in classes if "add_force" in vars(kind))
-    of_calls = next((kind for kind in classes if "force_calls" in vars(kind)), None)
-    if of_calls is None or not issubclass(of_calls, of_force):
+    its_calls = calls_of(term, "add_force", "force_calls")
+    if its_calls is None:
         return None
-    calls: Calls | None = term.force_calls(x, v, t, f)
-    return calls
+    return its_calls(x, v, t, f)
 
 
 @dataclass(frozen=True, eq=False)

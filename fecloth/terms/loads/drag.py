@@ -185,23 +185,30 @@ class BoundDrag(BoundTerm):
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wv D + wx K, without K if J must be symmetric or `definite`."""
-        u = self._air(x, t)
+        gradient = STILL_AIR.gradient(x, t)
         if self.symmetric or definite:
             wx = 0.0  # K is not symmetric
-            gradient = np.zeros((1, 3, 3))
         else:
             gradient = self.wind.gradient(self._centroids(x), t)
+        self.loop.add_blocks(partial(self._tangent, self._air(x, t), gradient, x, v, wx, wv), J)
 
-        def call(part: slice, values: np.ndarray) -> Call:
-            nodes = self.nodes[part]
-            slots = self.loop.slots[part]
-            velocity = by_triangle(u, part)
-            velocity_gradient = by_triangle(gradient, part)
-            air = velocity, velocity_gradient
-            arguments = nodes, slots, self.law, *air, x, v, wx, wv, values
-            return add_tangent, arguments
+    def tangent_calls(self, x, v, t, wx, wv, J, definite) -> Calls | None:
+        compiled = self.wind.compiled(self.nodes, x, t)
+        if compiled is None:
+            return None
+        u, calls = compiled
+        gradient = STILL_AIR.gradient(x, t)
+        if self.symmetric or definite:
+            wx = 0.0
+        elif len(u) > 1:  # the gradient of a field needs Python
+            return None
+        call = partial(self._tangent, u, gradient, x, v, wx, wv)
+        return [*calls, self.loop.shared_add_blocks(call, J)]
 
-        self.loop.add_blocks(call, J)
+    def _tangent(self, u, gradient, x, v, wx, wv, part, values) -> Call:
+        air = by_triangle(u, part), by_triangle(gradient, part)
+        arrays = self.nodes[part], self.loop.slots[part]
+        return add_tangent, (*arrays, self.law, *air, x, v, wx, wv, values)
 
 
 def by_triangle(values: np.ndarray, part: slice) -> np.ndarray:

@@ -144,6 +144,14 @@ class BoundPressure(BoundTerm):
         p = self.p(t).reshape(1)
         self.loop.add_blocks(partial(self._tangent, self.loop.slots, p, x, float(wx)), J)
 
+    def tangent_calls(self, x, v, t, wx, wv, J, definite) -> Calls | None:
+        p = np.empty(1)
+        calls = self.p.calls(t, p)
+        if definite or calls is None:
+            return [] if definite else None
+        call = partial(self._tangent, self.loop.slots, p, x, wx)
+        return [*calls, self.loop.shared_add_blocks(call, J)]
+
     def _force(self, p, x, part, f) -> Call:
         return add_force, (self.nodes[part], self.signs[part], p, x, f)
 
