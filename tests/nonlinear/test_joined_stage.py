@@ -66,6 +66,30 @@ def test_steps_have_the_bits_of_single_calls(name, method, monkeypatch):
         np.testing.assert_array_equal(v, v1)
 
 
+@pytest.mark.parametrize("method", [fc.BDF2(), fc.BackwardEuler()], ids=repr)
+def test_the_ledger_takes_the_last_forces_of_the_solution(method, monkeypatch):
+    """Its columns have the bits of forces that are evaluated again."""
+    system = make_system([*TERMS["damped"], *TERMS["wind"]])
+    start = system.state(bent(system))
+    evaluated = []
+    force = fc.System.force
+
+    def count(system, state):
+        evaluated.append(state)
+        return force(system, state)
+
+    monkeypatch.setattr(fc.System, "force", count)
+    joined = fc.run(system, method, start, dt=4e-3, t_end=0.02, solver="pcg").energies
+    count_joined = len(evaluated)
+    monkeypatch.setattr(LastStage, "join", lambda *arguments: None)
+    evaluated.clear()
+    single = fc.run(system, method, start, dt=4e-3, t_end=0.02, solver="pcg").energies
+    for name, values in joined.items():
+        np.testing.assert_array_equal(values, single[name], err_msg=name)
+    if isinstance(method, fc.BDF2):
+        assert count_joined < len(evaluated)
+
+
 def stage_of(system, weights=(1e-5, 3e-3, 0.9)):
     wx, wv, wa = weights
     x = bent(system)
