@@ -286,11 +286,18 @@ class DistributedSystem(System):
         return super().assemble(J, state, wx, wv, wa, definite)
 
     def add_tangents(
-        self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, wa=0.0, definite=False
+        self,
+        J: BlockMatrix,
+        state: State,
+        wx=0.0,
+        wv=0.0,
+        wa=0.0,
+        definite=False,
+        kept: bool | None = None,
     ) -> BlockMatrix:
         if wa != 0.0:
             self.crew.call("add_mass", wa)
-        return super().add_tangents(J, state, wx, wv, 0.0, definite)
+        return super().add_tangents(J, state, wx, wv, 0.0, definite, kept)
 
     def project(self, J: BlockMatrix) -> BlockMatrix:
         """The matrix on all processes plus J, projected there."""

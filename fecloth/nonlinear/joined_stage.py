@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from fecloth.compiled.calls import AnyCall, JoinedCalls, Present, join, join_each
+from fecloth.compiled.calls import AnyCall, JoinedCalls, Present, join_each
 from fecloth.compiled.jit import Array, rounded_kernel
 from fecloth.linalg.block_matrix import BlockMatrix, add_mass
 from fecloth.nonlinear.stage import Stage
@@ -21,6 +21,9 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.loops.shared_loop import SUM_BLOCKS
 from fecloth.terms.protocol import BoundTerm, calls_of
+
+# Iterations of a step that a kept tangent serves.
+MOST_USES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +98,8 @@ class JoinedStage:
         Its terms; a term over a step is a copy with arrays of its own.
     matrix
         The matrix that `assemble` fills.
+    kept
+        The matrix of the tangents that several iterations share; None without such tangents.
     arrays
         What the calls work on.
     """
@@ -102,23 +107,24 @@ class JoinedStage:
     source: System
     terms: tuple[BoundTerm, ...]
     matrix: BlockMatrix
+    kept: BlockMatrix | None
     arrays: StageArrays
     _joined: dict[str, JoinedCalls] = field(default_factory=dict)
     _placed: np.ndarray | None = None  # the q of the present x, v and a
     _has_forces: bool = False  # whether f are the forces there
 
     @classmethod
-    def of(cls, system: System, matrix: BlockMatrix) -> Self | None:
+    def of(cls, system: System, matrix: BlockMatrix, kept: BlockMatrix | None) -> Self | None:
         """Join the calls of a system; None if a term needs Python, or if threads may share it."""
         if not system.is_whole or system.team.shares(len(system.cloth.triangles)):
             return None
         terms = tuple(_own_copy(term) for term in system.bound)
         arrays = StageArrays.of(len(system.cloth.X), len(terms))
-        stage = cls(system, terms, matrix, arrays)
+        stage = cls(system, terms, matrix, kept, arrays)
         needed = {
             "residual": stage._residual_calls(),
             "own forces": stage._calls_of_own_forces(),
-            "tangent": stage._tangent_calls(definite=False),
+            **stage._tangent_lists(definite=False),
         }
         lists = {name: calls for name, calls in needed.items() if calls is not None}
         if len(lists) < len(needed):
@@ -129,9 +135,10 @@ class JoinedStage:
         stage._joined.update(join_each({"place": [arrays.place_call()], **lists}))
         return stage
 
-    def serves(self, system: System, matrix: BlockMatrix) -> bool:
+    def serves(self, system: System, matrix: BlockMatrix, kept: BlockMatrix | None) -> bool:
         """Whether the calls serve another system, such as the same one over another step."""
-        if system.constraints is not self.source.constraints or matrix is not self.matrix:
+        has_matrices = matrix is self.matrix and kept is self.kept
+        if system.constraints is not self.source.constraints or not has_matrices:
             return False
         pairs = zip(self.source.bound, system.bound, strict=True)
         return all(old is new or _differ_in_arrays(old, new) for old, new in pairs)
@@ -185,14 +192,20 @@ class JoinedStage:
             scale += system.force_size(f)
         return system.constraints.project(R), scale
 
-    def assemble(self, q: np.ndarray, mass_weight: float, definite: bool) -> None:
-        """Fill the matrix with `mass_weight` M + wv D + wx K, projected."""
-        name = "definite tangent" if definite else "tangent"
-        if name not in self._joined:  # few runs need it
-            self._joined[name] = join(self._tangent_calls(definite) or [])
+    def assemble(self, q: np.ndarray, mass_weight: float, definite: bool, renew: bool) -> None:
+        """Fill the matrix with `mass_weight` M + wv D + wx K, projected.
+
+        With `renew` the tangents that several iterations share are evaluated anew, too.
+        """
+        kind = _kind(definite)
+        if f"{kind} tangent" not in self._joined:  # few runs need a definite one
+            lists = self._tangent_lists(definite)
+            self._joined.update(join_each({name: of or [] for name, of in lists.items()}))
         self._place(q)
         self.arrays.mass_weight[0] = mass_weight
-        self._joined[name]()
+        if renew:
+            self._joined[f"{kind} kept tangent"]()
+        self._joined[f"{kind} tangent"]()
 
     @property
     def has_energies(self) -> bool:
@@ -246,25 +259,40 @@ class JoinedStage:
             return None
         return [*((clear_rows, (f,)) for f in own_forces), *of_terms]
 
-    def _tangent_calls(self, definite: bool) -> list[AnyCall] | None:
-        """The calls that fill the matrix; None if a term needs Python."""
-        arrays = self.arrays
-        matrix = self.matrix
-        weights = Present(arrays.wx), Present(arrays.wv)
-        x, v, t = self._at
-        of_terms = self._calls(
-            "add_tangent", "tangent_calls", lambda of, k: of(x, v, t, *weights, matrix, definite)
-        )
-        if of_terms is None:
-            return None
+    def _tangent_lists(self, definite: bool) -> dict[str, list[AnyCall] | None]:
+        """The calls that fill both matrices, by their names; None if a term needs Python."""
         system = self.source
-        of_mass = system.mass_slots, system.scalar_mass.data, Present(arrays.mass_weight)
-        return [
-            (clear_blocks, (matrix.values,)),
-            (add_mass, (*of_mass, matrix.values)),
-            *of_terms,
-            system.projection.call(matrix),
-        ]
+        values = self.matrix.values
+        of_mass = system.mass_slots, system.scalar_mass.data, Present(self.arrays.mass_weight)
+        kind = _kind(definite)
+        lists: dict[str, list[AnyCall] | None] = {}
+        begin: list[AnyCall] = [(clear_blocks, (values,))]
+        if self.kept is not None:
+            slow = self._calls_of_tangents(definite, self.kept, kept=True)
+            begin = [(copy_blocks, (self.kept.values, values))]
+            clear: list[AnyCall] = [(clear_blocks, (self.kept.values,))]
+            lists[f"{kind} kept tangent"] = None if slow is None else [*clear, *slow]
+        fast = self._calls_of_tangents(definite, self.matrix, kept=False)
+        lists[f"{kind} tangent"] = None
+        if fast is not None:
+            of_matrix = (add_mass, (*of_mass, values)), *fast, system.projection.call(self.matrix)
+            lists[f"{kind} tangent"] = [*begin, *of_matrix]
+        return lists
+
+    def _calls_of_tangents(
+        self, definite: bool, J: BlockMatrix, kept: bool
+    ) -> list[AnyCall] | None:
+        """The calls that add to J the tangents that iterations share, or all others."""
+        weights = Present(self.arrays.wx), Present(self.arrays.wv)
+        x, v, t = self._at
+
+        def make(of: Any, k: int) -> Sequence[AnyCall] | None:
+            if self.terms[k].keeps_tangent != kept:
+                return []
+            calls: Sequence[AnyCall] | None = of(x, v, t, *weights, J, definite)
+            return calls
+
+        return self._calls("add_tangent", "tangent_calls", make)
 
     def _energy_calls(self) -> list[AnyCall] | None:
         """The calls that fill the parts of the energies; None if a term needs Python."""
@@ -299,30 +327,84 @@ class JoinedStage:
 
 
 @dataclass(eq=False)
+class KeptTangents:
+    """The tangents that several iterations of a step share.
+
+    A term that `keeps_tangent`, such as a plate, has a tangent that is expensive and changes
+    little within a step. So it serves `MOST_USES` iterations, and is evaluated anew in the first
+    iteration of each step.
+
+    Attributes
+    ----------
+    matrix
+        wv D + wx K of these terms.
+    definite
+        Whether it is definite.
+    uses
+        The number of iterations that it has served; 0 where it must be evaluated anew.
+    """
+
+    matrix: BlockMatrix
+    definite: bool = False
+    uses: int = 0
+
+    def must_renew(self, definite: bool) -> bool:
+        """Whether the next iteration needs it anew; counts that iteration."""
+        renew = self.uses in (0, MOST_USES) or definite != self.definite
+        self.uses = 1 if renew else self.uses + 1
+        self.definite = definite
+        return renew
+
+
+@dataclass(eq=False)
 class LastStage:
-    """The joined calls of the last stage, which serve the next steps of a run too.
+    """What the last stage of a step leaves for the next one.
 
     Attributes
     ----------
     joined
-        The calls; None where a term has no such calls.
+        The joined calls; None where a term has no such calls.
+    kept
+        The tangents that several iterations share; None before the first stage.
     refused
-        The classes of the terms then.
+        The classes of the terms that have no joined calls.
     """
 
     joined: JoinedStage | None = None
+    kept: KeptTangents | None = None
     refused: tuple[type, ...] = ()
 
-    def join(self, system: System, stage: Stage, matrix: BlockMatrix) -> JoinedStage | None:
-        """The joined calls of a stage of a step, if its terms have such calls."""
-        if self.joined is None or not self.joined.serves(system, matrix):
-            classes = tuple(type(term) for term in system.bound)
-            self.joined = None if classes == self.refused else JoinedStage.of(system, matrix)
-            if self.joined is None:
-                self.refused = classes
-                return None
-        self.joined.begin(system, stage)
-        return self.joined
+    def begin(self, system: System, stage: Stage, matrix: BlockMatrix) -> None:
+        """Begin a stage of a step: join its calls if its terms have such calls."""
+        self.kept = self._kept_tangents(system, matrix)
+        self.joined = self._join(system, matrix)
+        if self.joined is not None:
+            self.joined.begin(system, stage)
+
+    def _kept_tangents(self, system: System, matrix: BlockMatrix) -> KeptTangents | None:
+        """The tangents that iterations share, to be evaluated anew; None without any."""
+        if not (system.is_whole and any(term.keeps_tangent for term in system.bound)):
+            return None
+        if self.kept is None or self.kept.matrix.pattern is not matrix.pattern:
+            return KeptTangents(BlockMatrix.zeros(matrix.pattern, matrix.team))
+        return KeptTangents(self.kept.matrix)
+
+    def _join(self, system: System, matrix: BlockMatrix) -> JoinedStage | None:
+        """The calls of the last stage if they serve this one too; else new ones, or None."""
+        kept = None if self.kept is None else self.kept.matrix
+        if self.joined is not None and self.joined.serves(system, matrix, kept):
+            return self.joined
+        classes = tuple(type(term) for term in system.bound)
+        if classes == self.refused:
+            return None
+        joined = JoinedStage.of(system, matrix, kept)
+        if joined is None:
+            self.refused = classes
+        return joined
+
+
+def _kind(definite: bool) -> str:
+    return "definite" if definite else "exact"
 
 
 def _own_copy(term: Any) -> Any:
@@ -373,6 +455,15 @@ def clear_blocks(values: Array) -> None:
     entries = values.reshape(-1)
     for i in range(len(entries)):
         entries[i] = 0.0
+
+
+@rounded_kernel
+def copy_blocks(a: Array, b: Array) -> None:
+    """b (b, 3, 3) = a."""
+    entries = a.reshape(-1)
+    copies = b.reshape(-1)
+    for i in range(len(entries)):
+        copies[i] = entries[i]
 
 
 @rounded_kernel

@@ -18,7 +18,7 @@ from fecloth.nonlinear.equation import (
 )
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.iteration import iterate
-from fecloth.nonlinear.joined_stage import JoinedStage
+from fecloth.nonlinear.joined_stage import JoinedStage, LastStage
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.remedies import Remedies, Remedy
 from fecloth.nonlinear.stage import Stage
@@ -45,17 +45,22 @@ class NewtonFailed(Unsolved):
 class StageEquation:
     """R = M a − f at the unknown q of a stage, with J = wa M + wv D + wx K.
 
-    `joined` evaluates it without Python between kernels, to the same bits; None if a term needs
-    Python.
+    `last` has the joined calls that evaluate it without Python between kernels, to the same
+    bits, and tangents that several iterations share. Without it all tangents are exact.
     """
 
     system: System
     stage: Stage
     definiteness: str
-    joined: JoinedStage | None = None
+    last: LastStage | None = None
 
     longest = float("inf")
     explores = False
+
+    @property
+    def joined(self) -> JoinedStage | None:
+        """The joined calls of the stage, if its terms have such calls."""
+        return self.last.joined if self.last else None
 
     @property
     def wx(self) -> float:
@@ -163,10 +168,21 @@ class StageEquation:
     def assemble(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
         """J = (1 + σ) wa M + wv D + wx K; K and D as they are, or definite."""
         _, wx, wv, wa, definite = self.key(remedy)
+        state = self.state(q)
+        kept = self.last.kept if self.last else None
+        renew = kept is not None and kept.must_renew(definite)
         if self.joined and J is self.joined.matrix:
-            self.joined.assemble(q, wa, definite)
+            self.joined.assemble(q, wa, definite, renew)
             return
-        self.system.project(self.system.assemble(J, self.state(q), wx, wv, wa, definite))
+        if kept is None or J.pattern is not kept.matrix.pattern:
+            self.system.project(self.system.assemble(J, state, wx, wv, wa, definite))
+            return
+        if renew:
+            kept.matrix.values.fill(0.0)
+            self.system.add_tangents(kept.matrix, state, wx, wv, definite=definite, kept=True)
+        J.values[...] = kept.matrix.values
+        self.system.add_tangents(J, state, wx, wv, wa, definite, kept=False)
+        self.system.project(J)
 
     def mass_weight(self, remedy: Remedy) -> float:
         """(1 + σ) wa."""
@@ -221,8 +237,8 @@ def solve(
     Raises `NewtonFailed` where the iteration fails, or no start was found that contacts allow.
     """
     _, matrix = solver.matrix_solver()
-    joined = solver.last_stage.join(system, stage, matrix)
-    equation = StageEquation(system, stage, solver.options.definiteness, joined)
+    solver.last_stage.begin(system, stage, matrix)
+    equation = StageEquation(system, stage, solver.options.definiteness, solver.last_stage)
     zero = np.zeros_like(stage.x)
     q = zero if guess is None else system.constraints.project(guess.copy())
     if has_limits(system):

@@ -485,12 +485,24 @@ class System:
         return self.add_tangents(J, state, wx, wv, wa, definite)
 
     def add_tangents(
-        self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, wa=0.0, definite=False
+        self,
+        J: BlockMatrix,
+        state: State,
+        wx=0.0,
+        wv=0.0,
+        wa=0.0,
+        definite=False,
+        kept: bool | None = None,
     ) -> BlockMatrix:
-        """J += wa M + wv D + wx K at a state, in place."""
+        """J += wa M + wv D + wx K at a state, in place.
+
+        With `kept` it is the part of the terms that keep their tangent, or of all others.
+        """
         if wa != 0.0:
             self.add_mass(J, wa)
         for term in self.bound:
+            if kept is not None and term.keeps_tangent != kept:
+                continue
             if wx != 0.0 or (wv != 0.0 and term.velocity_dependent):
                 term.add_tangent(state.x, state.v, state.t, wx, wv, J, definite)
         return J

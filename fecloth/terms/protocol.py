@@ -133,6 +133,9 @@ class BoundTerm:
         Velocity (3,) [m/s] of the air, of a drag in air that moves with one constant velocity.
     restitution
         Part of the speed that an impact leaves, of a contact.
+    keeps_tangent
+        True where several Newton iterations of a step may share the tangent, because it is
+        expensive and changes little within a step.
     """
 
     __slots__ = ()
@@ -156,6 +159,7 @@ class BoundTerm:
     conserves: Any = False
     objective: Any = False
     steady_air: Any = None
+    keeps_tangent: Any = False
 
     # --- force and tangent --------------------------------------------------------------------
 

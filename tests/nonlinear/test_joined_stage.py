@@ -48,8 +48,8 @@ def test_steps_have_the_bits_of_single_calls(name, method, monkeypatch):
     made = []
     original = JoinedStage.of.__func__
 
-    def record(cls, system, matrix):
-        made.append(original(cls, system, matrix))
+    def record(cls, *arguments):
+        made.append(original(cls, *arguments))
         return made[-1]
 
     monkeypatch.setattr(JoinedStage, "of", classmethod(record))
@@ -58,7 +58,7 @@ def test_steps_have_the_bits_of_single_calls(name, method, monkeypatch):
     assert made
     assert made[-1] is not None
     assert len(made) <= 2  # the calls of a step serve the next ones
-    monkeypatch.setattr(LastStage, "join", lambda *arguments: None)
+    monkeypatch.setattr(LastStage, "_join", lambda *arguments: None)
     single = march(system, method)
     for (x, v, newton), (x1, v1, newton1) in zip(joined, single, strict=True):
         assert newton == newton1
@@ -81,7 +81,7 @@ def test_the_ledger_takes_the_last_forces_of_the_solution(method, monkeypatch):
     monkeypatch.setattr(fc.System, "force", count)
     joined = fc.run(system, method, start, dt=4e-3, t_end=0.02, solver="pcg").energies
     count_joined = len(evaluated)
-    monkeypatch.setattr(LastStage, "join", lambda *arguments: None)
+    monkeypatch.setattr(LastStage, "_join", lambda *arguments: None)
     evaluated.clear()
     single = fc.run(system, method, start, dt=4e-3, t_end=0.02, solver="pcg").energies
     for name, values in joined.items():
@@ -105,10 +105,14 @@ def test_residual_tangent_and_potential_have_the_bits_of_single_calls(name, mass
     system = make_system(TERMS[name], mass=mass)
     J = BlockMatrix.zeros(system.pattern)
     stage = stage_of(system)
-    joined = LastStage().join(system, stage, J)
-    assert joined is not None
-    fast = StageEquation(system, stage, "on_failure", joined)
-    plain = StageEquation(system, stage, "on_failure")
+    last = LastStage()
+    last.begin(system, stage, J)
+    assert last.joined is not None
+    fast = StageEquation(system, stage, "on_failure", last)
+    one_by_one = LastStage()
+    one_by_one.begin(system, stage, J)
+    one_by_one.joined = None
+    plain = StageEquation(system, stage, "on_failure", one_by_one)
     q = 0.1 * np.random.default_rng(3).normal(size=stage.x.shape)
     R, scale = fast.residual(q, 0.0)
     expected, expected_scale = plain.residual(q, 0.0)
@@ -128,14 +132,47 @@ def test_calls_serve_other_weights_times_and_unknowns():
     system = make_system(TERMS["pressure"])
     J = BlockMatrix.zeros(system.pattern)
     last = LastStage()
-    first = last.join(system, stage_of(system), J)
+    last.begin(system, stage_of(system), J)
+    first = last.joined
+    assert first is not None
     stage = stage_of(system, weights=(2e-5, 1e-3, 0.4))
-    joined = last.join(system, stage, J)
-    assert joined is first
+    last.begin(system, stage, J)
+    assert last.joined is first
     q = np.ones_like(stage.x)
-    fast = StageEquation(system, stage, "none", joined)
+    fast = StageEquation(system, stage, "none", last)
     plain = StageEquation(system, stage, "none")
     np.testing.assert_array_equal(fast.residual(q, 1.0)[0], plain.residual(q, 1.0)[0])
+
+
+def test_a_kept_tangent_serves_three_iterations():
+    """The tangent of the plate is evaluated anew in the first and the fourth iteration only."""
+    system = make_system(TERMS["plate"])
+    J = BlockMatrix.zeros(system.pattern)
+    last = LastStage()
+    last.begin(system, stage_of(system), J)
+    exact = Remedy(0.0, False)
+    assert last.kept is not None
+    plates = []
+    for shift in range(4):
+        equation = StageEquation(system, stage_of(system), "none", last)
+        q = 20.0 * shift * np.random.default_rng(3).normal(size=J.pattern.diagonal.shape + (3,))
+        equation.assemble(q, exact, J)
+        plates.append(last.kept.matrix.values.copy())
+    np.testing.assert_array_equal(plates[1], plates[0])
+    np.testing.assert_array_equal(plates[2], plates[0])
+    assert abs(plates[3] - plates[0]).max() > 1e-3 * abs(plates[0]).max()
+
+
+def test_a_kept_tangent_is_evaluated_anew_for_a_definite_matrix_and_in_each_step():
+    system = make_system(TERMS["plate"])
+    J = BlockMatrix.zeros(system.pattern)
+    last = LastStage()
+    last.begin(system, stage_of(system), J)
+    assert last.kept is not None
+    needed = [last.kept.must_renew(definite) for definite in (False, False, True, True, False)]
+    assert needed == [True, False, True, False, True]
+    last.begin(system, stage_of(system), J)
+    assert last.kept.must_renew(False)
 
 
 def test_terms_of_quadratic_triangles_join():
@@ -150,7 +187,9 @@ def test_a_term_of_python_is_called_one_by_one():
     force = fc.UserForce(lambda x, v, t: -0.01 * v)
     system = make_system([fc.StVK(), force])
     J = BlockMatrix.zeros(system.pattern)
-    assert LastStage().join(system, stage_of(system), J) is None
+    last = LastStage()
+    last.begin(system, stage_of(system), J)
+    assert last.joined is None
 
 
 def test_a_wind_that_is_not_finite_is_refused_as_before():

@@ -153,7 +153,7 @@ class BoundPlate(BoundTerm):
 
     name = "PlateBending"
     nbytes = taken_from("plate.nbytes")
-    symmetric = has_energy = True
+    symmetric = has_energy = keeps_tangent = True
 
     @property
     def objective(self) -> bool:
