@@ -149,6 +149,8 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
         used += term.nbytes(explicit=is_explicit)
         if is_explicit and isinstance(term, BoundCondition):  # a hinge or a spring
             used += 150 * len(term.nodes)
+    if any(term.keeps_tangent for term in system.bound):
+        used += 72 * blocks  # the tangents that iterations share
     used += 18 * blocks  # less than the matrix: what binding takes is free by then
     if solver == "pcg":
         used += 146 * blocks  # the matrices of the error in time, and A in float32
