@@ -3,8 +3,10 @@
 import numpy as np
 
 from fecloth.compiled.jit import Array, inner
-from fecloth.compiled.lanes import load, multiply_add, repeat, rotate, sum_of
+from fecloth.compiled.lanes import load, multiply_add, reordered, repeat, sum_of
 from fecloth.linalg.protocol import BlockRows
+
+rotate = reordered(3, 0, 1, 2)
 
 
 @inner
