@@ -10,7 +10,7 @@ one that counts nothing.
 """
 
 from fecloth.compiled.jit import inlined
-from fecloth.compiled.lanes import load, multiply_add, number_of, reordered, store
+from fecloth.compiled.lanes import group, load, multiply_add, number_of, reordered, repeat, store
 
 _rows_begin = reordered(0, 0, 0, 1)
 _rows_end = reordered(1, 1, 2, 2)
@@ -37,6 +37,18 @@ def add_product(rows, columns, block):
         multiply_add(rows[0], columns[0], block[0]),
         multiply_add(rows[1], columns[1], block[1]),
         rows[2] * columns[2] + block[2],
+    )
+
+
+@inlined
+def add_to_diagonal(g, block):
+    """`block` + g I."""
+    first = group(g, 0.0, 0.0, 0.0)
+    one = repeat(1.0)
+    return (
+        multiply_add(first, one, block[0]),
+        multiply_add(first, one, block[1]),
+        block[2] + g,
     )
 
 
