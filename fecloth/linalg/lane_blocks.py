@@ -6,8 +6,11 @@ next four, and the last one by itself. The product of two vectors a bᵀ has the
     (a₁, a₁, a₁, a₂) (b₁, b₂, b₃, b₁)      (a₂, a₂, a₃, a₃) (b₂, b₃, b₁, b₂)      a₃ b₃
 
 so `as_rows` and `as_columns` are the lanes of a and of b. A vector has three numbers and a fourth
-one that counts nothing.
+one that counts nothing. The blocks of a matrix are taken from one array of all their numbers, as
+the compiler does not know that a row of `values` (b, 3, 3) has three numbers.
 """
+
+import numpy as np
 
 from fecloth.compiled.jit import inlined
 from fecloth.compiled.lanes import group, load, multiply_add, number_of, reordered, repeat, store
@@ -53,14 +56,17 @@ def add_to_diagonal(g, block):
 
 
 @inlined
-def block_of(values, s):
-    """Block s of `values` (b, 3, 3)."""
-    return load(values, (s,)), load(values, (s, 1, 1)), values[s, 2, 2]
+def block_of(numbers, s):
+    """Block s of a matrix, whose blocks have these `numbers` (9 b,)."""
+    first = np.uintp(9) * s
+    end = load(numbers, (first + np.uintp(4),))
+    return load(numbers, (first,)), end, numbers[first + np.uintp(8)]
 
 
 @inlined
-def write_block(block, values, s):
-    """Write a block to place s of `values` (b, 3, 3)."""
-    store(block[0], values, (s,))
-    store(block[1], values, (s, 1, 1))
-    values[s, 2, 2] = block[2]
+def write_block(block, numbers, s):
+    """Write block s of a matrix, whose blocks have these `numbers` (9 b,)."""
+    first = np.uintp(9) * s
+    store(block[0], numbers, (first,))
+    store(block[1], numbers, (first + np.uintp(4),))
+    numbers[first + np.uintp(8)] = block[2]

@@ -151,12 +151,14 @@ def add_products(indptr, indices, Q, place, start, width, slots, left, right, sc
     4) is work space.
     """
     zero = repeat(0.0)
-    for e in range(len(width)):
+    numbers = J.reshape(J.size)
+    for row in range(len(width)):
+        e = np.uintp(row)  # not negative: the compiler need not look
         for b in range(width[e]):
-            store(zero, y, (b,))
+            store(zero, y, (np.uintp(b),))
         # y_b = scale Σ_f Q_ef right_fb
-        for entry in range(indptr[e], indptr[e + 1]):
-            s = np.uintp(entry)  # not negative: the compiler need not look
+        for entry in range(indptr[e], indptr[e + np.uintp(1)]):
+            s = np.uintp(entry)
             f = np.uintp(indices[s])
             q = repeat(scale * Q[s])
             add_to_vector(q, vector(right, f, 0), y, place[s, 0])
@@ -167,13 +169,14 @@ def add_products(indptr, indices, Q, place, start, width, slots, left, right, sc
         g1 = as_rows(vector(left, e, 1))
         g2 = as_rows(vector(left, e, 2))
         g3 = as_rows(vector(left, e, 3))
+        s = np.uintp(start[e])
         for b in range(width[e]):
-            columns = as_columns(load(y, (b,)))
-            s = np.uintp(start[e] + 4 * b)
-            add_to_block(g0, columns, J, slots[s])
-            add_to_block(g1, columns, J, slots[s + np.uintp(1)])
-            add_to_block(g2, columns, J, slots[s + np.uintp(2)])
-            add_to_block(g3, columns, J, slots[s + np.uintp(3)])
+            columns = as_columns(load(y, (np.uintp(b),)))
+            add_to_block(g0, columns, numbers, slots[s])
+            add_to_block(g1, columns, numbers, slots[s + np.uintp(1)])
+            add_to_block(g2, columns, numbers, slots[s + np.uintp(2)])
+            add_to_block(g3, columns, numbers, slots[s + np.uintp(3)])
+            s += np.uintp(4)
 
 
 @inlined
@@ -194,11 +197,11 @@ def add_to_vector(factor, g, y, place):
 
 
 @inlined
-def add_to_block(rows, columns, J, slot):
+def add_to_block(rows, columns, numbers, slot):
     """Add the product of two vectors, in lanes, to a block of J, unless its number is −1."""
     if slot >= 0:
         s = np.uintp(slot)
-        write_block(add_product(rows, columns, block_of(J, s)), J, s)
+        write_block(add_product(rows, columns, block_of(numbers, s)), numbers, s)
 
 
 @kernel
@@ -238,6 +241,7 @@ def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, mom
     y = np.empty((4, 3))
     g = np.empty((4, 3))
     of_hinge = np.empty((4, 4), np.int64)
+    numbers = J.reshape(J.size)
     for n in range(len(nodes)):
         gather(nodes, ghosts, first, n, x, y)
         e, a, b = arms(y)
@@ -260,14 +264,14 @@ def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, mom
         u = multiply(1.0 / square, e)
         q = cross(left[2], multiply(1.0 / length, e))
         arm = len(y) - 2  # node 2: for a literal 2 the compiler would make another function
-        add_side_of_curvature(arm, m, *left, q, u, 1.0 / square, of_hinge, J)
+        add_side_of_curvature(arm, m, *left, q, u, 1.0 / square, of_hinge, numbers)
         q = cross(multiply(1.0 / length, e), right[2])
-        add_side_of_curvature(arm + 1, m, *right, q, u, 1.0 / square, of_hinge, J)
+        add_side_of_curvature(arm + 1, m, *right, q, u, 1.0 / square, of_hinge, numbers)
 
 
 @inner
-def add_side_of_curvature(arm, m, s, height, p, q, u, inverse_square, slots, J):
-    """J += m times the part of ∂²θ/∂x∂x of one triangle, whose arm leads to node number `arm`.
+def add_side_of_curvature(arm, m, s, height, p, q, u, inverse_square, slots, numbers):
+    """Add m times ∂²θ/∂x∂x of one triangle, whose arm leads to node number `arm`, to J.
 
     s and `height` are of the triangle, p = n̂/h, q = m/h, u = ê/|e| and `inverse_square` is 1/|e|²,
     see `fecloth.terms.bending.dihedral_angle`. The second derivatives there are
@@ -275,7 +279,7 @@ def add_side_of_curvature(arm, m, s, height, p, q, u, inverse_square, slots, J):
         ∂²θ/∂x_i∂x_j = −p (w_j h_i + d_i d_j (h/|e|)² q)ᵀ − w_i h_j pᵀ,   h_i = w_i q + d_i u
 
     with w = (s − 1, −s, 1) and d = (−1, 1, 0) for nodes 0, 1 and `arm`. `slots` (4, 4) are the
-    blocks of the pairs of nodes.
+    blocks of the pairs of nodes, and `numbers` are those of J.
     """
     p = group(-m * p[0], -m * p[1], -m * p[2], 0.0)
     q = group(q[0], q[1], q[2], 0.0)
@@ -290,26 +294,26 @@ def add_side_of_curvature(arm, m, s, height, p, q, u, inverse_square, slots, J):
     h0 = multiply_add(w0, q, minus_u)
     h1 = multiply_add(w1, q, u)
     p = as_rows(p), as_columns(p)
-    add_pair(p, w0, h0, w0, h0, twist, J, slots[0, 0])
-    add_pair(p, w0, h0, w1, h1, minus_twist, J, slots[0, 1])
-    add_pair(p, w0, h0, w2, q, zero, J, slots[0, arm])
-    add_pair(p, w1, h1, w0, h0, minus_twist, J, slots[1, 0])
-    add_pair(p, w1, h1, w1, h1, twist, J, slots[1, 1])
-    add_pair(p, w1, h1, w2, q, zero, J, slots[1, arm])
-    add_pair(p, w2, q, w0, h0, zero, J, slots[arm, 0])
-    add_pair(p, w2, q, w1, h1, zero, J, slots[arm, 1])
-    add_pair(p, w2, q, w2, q, zero, J, slots[arm, arm])
+    add_pair(p, w0, h0, w0, h0, twist, numbers, slots[0, 0])
+    add_pair(p, w0, h0, w1, h1, minus_twist, numbers, slots[0, 1])
+    add_pair(p, w0, h0, w2, q, zero, numbers, slots[0, arm])
+    add_pair(p, w1, h1, w0, h0, minus_twist, numbers, slots[1, 0])
+    add_pair(p, w1, h1, w1, h1, twist, numbers, slots[1, 1])
+    add_pair(p, w1, h1, w2, q, zero, numbers, slots[1, arm])
+    add_pair(p, w2, q, w0, h0, zero, numbers, slots[arm, 0])
+    add_pair(p, w2, q, w1, h1, zero, numbers, slots[arm, 1])
+    add_pair(p, w2, q, w2, q, zero, numbers, slots[arm, arm])
 
 
 @inlined
-def add_pair(p, wi, hi, wj, hj, twist, J, slot):
+def add_pair(p, wi, hi, wj, hj, twist, numbers, slot):
     """Add p (w_j h_i + twist)ᵀ + w_i h_j pᵀ, in lanes, to a block of J, unless its number is −1."""
     if slot >= 0:
         k = np.uintp(slot)
         rows, columns = p
-        block = add_product(rows, as_columns(multiply_add(wj, hi, twist)), block_of(J, k))
+        block = add_product(rows, as_columns(multiply_add(wj, hi, twist)), block_of(numbers, k))
         h = as_rows(multiply_add(wi, hj, repeat(0.0)))
-        write_block(add_product(h, columns, block), J, k)
+        write_block(add_product(h, columns, block), numbers, k)
 
 
 @inner

@@ -149,12 +149,13 @@ def material_rows(C: Six, F1: Any, F2: Any, G1: float, G2: float) -> tuple[Any, 
 @inner
 def scatter_symmetric(
     per_node: Zeros, slots: Array, G: Array, e: int, q: int, wS: float, wC: float, F: Six,
-    S: Three, C: Six, J: Array,
+    S: Three, C: Six, numbers: Array,
 ) -> None:  # fmt: skip
     """J_ab += wC B_aᵀ ℂ B_b + wS (G_a · S G_b) I₃ for all pairs a, b of nodes of triangle e.
 
     As J_ba = J_abᵀ, only the pairs with b ≤ a are computed. `slots` (m, k, k) are the blocks of
-    J. The weights wC and wS are those of the material and of the geometric part.
+    J, and `numbers` (9 b,) are all numbers of J. The weights wC and wS are those of the material
+    and of the geometric part.
     """
     S11, S22, S12 = wS * S[0], wS * S[1], wS * S[2]
     C = (wC * C[0], wC * C[1], wC * C[2], wC * C[3], wC * C[4], wC * C[5])
@@ -170,15 +171,15 @@ def scatter_symmetric(
             p = combine(H1, T1, H2, T3)  # Tᵀ B_b = p ⊗ F₁ + r ⊗ F₂
             r = combine(H1, T3, H2, T2)
             g = g1 * H1 + g2 * H2
-            add_pair(as_rows(p), columns[0], as_rows(r), columns[1], g, J, slots[e, a, b])
+            add_pair(as_rows(p), columns[0], as_rows(r), columns[1], g, numbers, slots[e, a, b])
             if b < a:
-                add_pair(rows[0], as_columns(p), rows[1], as_columns(r), g, J, slots[e, b, a])
+                add_pair(rows[0], as_columns(p), rows[1], as_columns(r), g, numbers, slots[e, b, a])
 
 
 @inner
 def scatter_mixed(
     per_node: Zeros, slots: Array, G: Array, e: int, q: int, wS: float, wC: float, F: Six,
-    H: Six, S: Three, C: Six, J: Array,
+    H: Six, S: Three, C: Six, numbers: Array,
 ) -> None:  # fmt: skip
     """J_ab += wC B_a(F)ᵀ ℂ B_b(H) + wS (G_a · S G_b) I₃, which is not symmetric.
 
@@ -198,12 +199,12 @@ def scatter_mixed(
             p = combine(b1, T1, b2, T3)
             r = combine(b1, T3, b2, T2)
             g = g1 * b1 + g2 * b2
-            add_pair(as_rows(p), columns[0], as_rows(r), columns[1], g, J, slots[e, a, b])
+            add_pair(as_rows(p), columns[0], as_rows(r), columns[1], g, numbers, slots[e, a, b])
 
 
 @inlined
-def add_pair(p: Any, F1: Any, r: Any, F2: Any, g: float, J: Array, slot: int) -> None:
+def add_pair(p: Any, F1: Any, r: Any, F2: Any, g: float, numbers: Array, slot: int) -> None:
     """Add p ⊗ F₁ + r ⊗ F₂ + g I₃ to a block of J, with p and r as rows, F₁ and F₂ as columns."""
     s = np.uintp(slot)
-    block = add_to_diagonal(g, block_of(J, s))
-    write_block(add_product(r, F2, add_product(p, F1, block)), J, s)
+    block = add_to_diagonal(g, block_of(numbers, s))
+    write_block(add_product(r, F2, add_product(p, F1, block)), numbers, s)
