@@ -66,12 +66,24 @@ def load(typing: Any, array: Any, index: Any) -> Any:
 
 
 @in_kernels
+def store(typing: Any, lanes: Any, array: Any, index: Any) -> Any:
+    """Write four numbers to an array from an index on, as `load` reads them."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        address = _address(context, builder, array, given[1], index, given[2])
+        builder.store(given[0], address, align=array.dtype.bitwidth // 8)
+        return context.get_dummy_value()
+
+    return types.void(lanes, array, index), generate
+
+
+@in_kernels
 def repeat(typing: Any, number: Any) -> Any:
     """Four times the same number."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         undefined = ir.Constant(ir.VectorType(given[0].type, WIDTH), ir.Undefined)
-        first = builder.insert_element(undefined, given[0], ir.Constant(ir.IntType(32), 0))
+        first = builder.insert_element(undefined, given[0], _place(0))
         return builder.shuffle_vector(first, undefined, _order(0, 0, 0, 0))
 
     return Lanes(number)(number), generate
@@ -89,14 +101,39 @@ def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
 
 
 @in_kernels
-def rotate(typing: Any, lanes: Any) -> Any:
-    """The last number, and then the first three."""
+def group(typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """The lanes a, b, c, d."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        lanes = ir.Constant(ir.VectorType(given[0].type, WIDTH), ir.Undefined)
+        for k, number in enumerate(given):
+            lanes = builder.insert_element(lanes, number, _place(k))
+        return lanes
+
+    return Lanes(a)(a, b, c, d), generate
+
+
+@in_kernels
+def number_of(typing: Any, lanes: Any, place: Any) -> Any:
+    """The number in one of the lanes, 0 … 3."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        return builder.extract_element(*given)
+
+    return lanes.number(lanes, place), generate
+
+
+def reordered(*order: int) -> Any:
+    """A function for kernels: the numbers of the lanes with these numbers."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         undefined = ir.Constant(given[0].type, ir.Undefined)
-        return builder.shuffle_vector(given[0], undefined, _order(3, 0, 1, 2))
+        return builder.shuffle_vector(given[0], undefined, _order(*order))
 
-    return lanes(lanes), generate
+    def reorder(typing: Any, lanes: Any) -> Any:
+        return lanes(lanes), generate
+
+    return in_kernels(reorder)
 
 
 @in_kernels
@@ -105,10 +142,15 @@ def sum_of(typing: Any, a: Any, b: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         sums = builder.fadd(*given)
-        lane = [builder.extract_element(sums, ir.Constant(ir.IntType(32), k)) for k in range(WIDTH)]
+        lane = [builder.extract_element(sums, _place(k)) for k in range(WIDTH)]
         return builder.fadd(builder.fadd(lane[0], lane[1]), builder.fadd(lane[2], lane[3]))
 
     return a.number(a, b), generate
+
+
+def _place(lane: int) -> Any:
+    """The number of a lane as a constant."""
+    return ir.Constant(ir.IntType(32), lane)
 
 
 def _order(*lanes: int) -> Any:

@@ -310,7 +310,7 @@ class PlateAngles:
         rows = self.rows
         of_Q = pointers(Q, part), Q.indices, Q.data if entries is None else entries
         of_rows = rows.place, rows.start[part], rows.width[part], rows.slots
-        work = np.empty(3 * rows.width.max(initial=0))  # 3 for each node of the widest row
+        work = np.empty((rows.width.max(initial=0), 4))
         arguments = *of_Q, *of_rows, left[part], right, scale, work, blocks
         return plate_loops.add_products, arguments
 

@@ -14,19 +14,27 @@ The node of a hinge is −1 where it is held in space: the hinges from `first` o
 edges, whose fourth node is `ghosts[e − first]`.
 """
 
+import math
+
 import numpy as np
 
-from fecloth.compiled.jit import inner, kernel, rounded_kernel
+from fecloth.compiled.jit import inlined, inner, kernel, rounded_kernel
+from fecloth.compiled.lanes import group, load, multiply_add, reordered, repeat, store
 from fecloth.linalg.block_matrix import find_sorted
+from fecloth.linalg.lane_blocks import add_product, as_columns, as_rows, block_of, write_block
 from fecloth.terms.bending.dihedral_angle import (
     angle,
     arms,
     cross,
+    dot,
     gradient,
     hessian,
     measure,
+    multiply,
     side,
 )
+
+to_left = reordered(1, 2, 3, 0)
 
 
 @inner
@@ -138,33 +146,62 @@ def add_products(indptr, indices, Q, place, start, width, slots, left, right, sc
 
     `indptr`, `indices` and Q are the compressed rows of the matrix, and `slots` are numbers of
     blocks in J. Row e has the nodes 0 … width[e] − 1. `place` (entries of Q, 4) says which of
-    them are the nodes of hinge f. The blocks of node a of hinge e with the nodes of the row
-    begin at slots[start[e] + a width[e]]. Both are −1 for a node that is held in space. y (at
-    least 3 times the largest width,) is work space.
+    them are the nodes of hinge f. The blocks of the nodes of hinge e with node b of the row begin
+    at slots[start[e] + 4 b]. Both are −1 for a node that is held in space. y (the largest width,
+    4) is work space.
     """
-    for e in range(len(width)):
-        u = width[e]  # number of nodes of the row
-        for b in range(3 * u):
-            y[b] = 0.0
+    zero = repeat(0.0)
+    numbers = J.reshape(J.size)
+    for row in range(len(width)):
+        e = np.uintp(row)  # not negative: the compiler need not look
+        for b in range(width[e]):
+            store(zero, y, (np.uintp(b),))
         # y_b = scale Σ_f Q_ef right_fb
-        for s in range(indptr[e], indptr[e + 1]):
-            f = indices[s]
-            q = scale * Q[s]
-            for a in range(4):
-                b = place[s, a]
-                if b >= 0:
-                    for c in range(3):
-                        y[3 * b + c] += q * right[f, a, c]
-        for a in range(4):
-            g0, g1, g2 = left[e, a, 0], left[e, a, 1], left[e, a, 2]
-            first = start[e] + a * u
-            if slots[first] >= 0:
-                for b in range(u):
-                    block = np.uintp(slots[first + b])
-                    for c in range(3):
-                        J[block, 0, c] += g0 * y[3 * b + c]
-                        J[block, 1, c] += g1 * y[3 * b + c]
-                        J[block, 2, c] += g2 * y[3 * b + c]
+        for entry in range(indptr[e], indptr[e + np.uintp(1)]):
+            s = np.uintp(entry)
+            f = np.uintp(indices[s])
+            q = repeat(scale * Q[s])
+            add_to_vector(q, vector(right, f, 0), y, place[s, 0])
+            add_to_vector(q, vector(right, f, 1), y, place[s, 1])
+            add_to_vector(q, vector(right, f, 2), y, place[s, 2])
+            add_to_vector(q, vector(right, f, 3), y, place[s, 3])
+        g0 = as_rows(vector(left, e, 0))
+        g1 = as_rows(vector(left, e, 1))
+        g2 = as_rows(vector(left, e, 2))
+        g3 = as_rows(vector(left, e, 3))
+        s = np.uintp(start[e])
+        for b in range(width[e]):
+            columns = as_columns(load(y, (np.uintp(b),)))
+            add_to_block(g0, columns, numbers, slots[s])
+            add_to_block(g1, columns, numbers, slots[s + np.uintp(1)])
+            add_to_block(g2, columns, numbers, slots[s + np.uintp(2)])
+            add_to_block(g3, columns, numbers, slots[s + np.uintp(3)])
+            s += np.uintp(4)
+
+
+@inlined
+def vector(g, e, a):
+    """The lanes of g[e, a] of g (h, 4, 3)."""
+    if a < 3:
+        return load(g, (e, a))
+    # Nothing may follow the last vector: the number before it becomes the fourth one.
+    return to_left(load(g, (e, 2, 2)))
+
+
+@inlined
+def add_to_vector(factor, g, y, place):
+    """Add factor g, in lanes, to a row of y (…, 4), unless its number is −1."""
+    if place >= 0:
+        b = np.uintp(place)
+        store(multiply_add(factor, g, load(y, (b,))), y, (b,))
+
+
+@inlined
+def add_to_block(rows, columns, numbers, slot):
+    """Add the product of two vectors, in lanes, to a block of J, unless its number is −1."""
+    if slot >= 0:
+        s = np.uintp(slot)
+        write_block(add_product(rows, columns, block_of(numbers, s)), numbers, s)
 
 
 @kernel
@@ -198,44 +235,96 @@ def fill_products(
 def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, moment, scale, J):
     """J += scale Σ m_e ∂²μ_e/∂x∂x with m = `moment`.
 
-    `place`, `start`, `width` and `slots` say where the blocks of hinge e are, as in
-    `add_products`; own[e] is the entry of Q on the diagonal of row e.
+    `place`, `start` and `slots` say where the blocks of hinge e are, as in `add_products`; own[e]
+    is the entry of Q on the diagonal of row e.
     """
     y = np.empty((4, 3))
     g = np.empty((4, 3))
-    H = np.empty((4, 3, 4, 3))
+    of_hinge = np.empty((4, 4), np.int64)
+    numbers = J.reshape(J.size)
     for n in range(len(nodes)):
-        m = scale * moment[n]
         gather(nodes, ghosts, first, n, x, y)
         e, a, b = arms(y)
-        _, slope, bend = measure(angle(e, a, b))
-        left = side(e, a, cross(e, a))
-        right = side(e, b, cross(b, e))
-        hessian(e, left, right, H)
-        if bend != 0.0:  # beyond a right angle, where μ is not θ
-            gradient(left, right, g)
-            add_fold(slope, bend, g, H)
+        normals = cross(e, a), cross(b, e)
+        left = side(e, a, normals[0])
+        right = side(e, b, normals[1])
         column = place[np.uintp(own[n])]  # where the hinge's own nodes are in its row
-        row = start[n]  # where the blocks of node i begin in `slots`
         for i in range(4):
-            if nodes[n, i] >= 0:
-                for j in range(4):
-                    if nodes[n, j] >= 0:
-                        block = np.uintp(slots[np.uintp(row + column[j])])
-                        for c in range(3):
-                            for d in range(3):
-                                J[block, c, d] += m * H[i, c, j, d]
-            row += width[n]
+            for j in range(4):
+                slot = slots[np.uintp(start[n] + 4 * column[j] + i)] if column[j] >= 0 else -1
+                of_hinge[i, j] = slot
+        m = scale * moment[n]
+        if dot(normals[0], normals[1]) < 0.0:  # beyond a right angle, where μ is not θ
+            _, slope, bend = measure(angle(e, a, b))
+            gradient(left, right, g)
+            add_outer_products(m * bend, g, of_hinge, J)
+            m *= slope
+        square = dot(e, e)
+        length = math.sqrt(square)
+        u = multiply(1.0 / square, e)
+        q = cross(left[2], multiply(1.0 / length, e))
+        arm = len(y) - 2  # node 2: for a literal 2 the compiler would make another function
+        add_side_of_curvature(arm, m, *left, q, u, 1.0 / square, of_hinge, numbers)
+        q = cross(multiply(1.0 / length, e), right[2])
+        add_side_of_curvature(arm + 1, m, *right, q, u, 1.0 / square, of_hinge, numbers)
 
 
 @inner
-def add_fold(slope, bend, g, H):
-    """H (4, 3, 4, 3) of the angle becomes H of its measure: μ′ H + μ″ g gᵀ."""
+def add_side_of_curvature(arm, m, s, height, p, q, u, inverse_square, slots, numbers):
+    """Add m times ∂²θ/∂x∂x of one triangle, whose arm leads to node number `arm`, to J.
+
+    s and `height` are of the triangle, p = n̂/h, q = m/h, u = ê/|e| and `inverse_square` is 1/|e|²,
+    see `fecloth.terms.bending.dihedral_angle`. The second derivatives there are
+
+        ∂²θ/∂x_i∂x_j = −p (w_j h_i + d_i d_j (h/|e|)² q)ᵀ − w_i h_j pᵀ,   h_i = w_i q + d_i u
+
+    with w = (s − 1, −s, 1) and d = (−1, 1, 0) for nodes 0, 1 and `arm`. `slots` (4, 4) are the
+    blocks of the pairs of nodes, and `numbers` are those of J.
+    """
+    p = group(-m * p[0], -m * p[1], -m * p[2], 0.0)
+    q = group(q[0], q[1], q[2], 0.0)
+    u = group(u[0], u[1], u[2], 0.0)
+    zero = repeat(0.0)
+    minus_u = multiply_add(repeat(-1.0), u, zero)
+    twist = multiply_add(repeat(height * height * inverse_square), q, zero)
+    minus_twist = multiply_add(repeat(-1.0), twist, zero)
+    w0 = repeat(s - 1.0)
+    w1 = repeat(-s)
+    w2 = repeat(1.0)
+    h0 = multiply_add(w0, q, minus_u)
+    h1 = multiply_add(w1, q, u)
+    p = as_rows(p), as_columns(p)
+    add_pair(p, w0, h0, w0, h0, twist, numbers, slots[0, 0])
+    add_pair(p, w0, h0, w1, h1, minus_twist, numbers, slots[0, 1])
+    add_pair(p, w0, h0, w2, q, zero, numbers, slots[0, arm])
+    add_pair(p, w1, h1, w0, h0, minus_twist, numbers, slots[1, 0])
+    add_pair(p, w1, h1, w1, h1, twist, numbers, slots[1, 1])
+    add_pair(p, w1, h1, w2, q, zero, numbers, slots[1, arm])
+    add_pair(p, w2, q, w0, h0, zero, numbers, slots[arm, 0])
+    add_pair(p, w2, q, w1, h1, zero, numbers, slots[arm, 1])
+    add_pair(p, w2, q, w2, q, zero, numbers, slots[arm, arm])
+
+
+@inlined
+def add_pair(p, wi, hi, wj, hj, twist, numbers, slot):
+    """Add p (w_j h_i + twist)ᵀ + w_i h_j pᵀ, in lanes, to a block of J, unless its number is −1."""
+    if slot >= 0:
+        k = np.uintp(slot)
+        rows, columns = p
+        block = add_product(rows, as_columns(multiply_add(wj, hi, twist)), block_of(numbers, k))
+        h = as_rows(multiply_add(wi, hj, repeat(0.0)))
+        write_block(add_product(h, columns, block), numbers, k)
+
+
+@inner
+def add_outer_products(factor, g, slots, J):
+    """J += factor g gᵀ of the gradients g (4, 3) of a hinge; `slots` (4, 4) are its blocks."""
     for i in range(4):
-        for c in range(3):
-            for j in range(4):
-                for d in range(3):
-                    H[i, c, j, d] = slope * H[i, c, j, d] + bend * g[i, c] * g[j, d]
+        for j in range(4):
+            if slots[i, j] >= 0:
+                for c in range(3):
+                    for d in range(3):
+                        J[slots[i, j], c, d] += factor * g[i, c] * g[j, d]
 
 
 @kernel
@@ -299,12 +388,12 @@ def fill_rows(
                 place[s, a] = position[i]
         for a in range(4):
             i = nodes[e, a]
-            first = start[e] + a * u
             for b in range(u):
-                slots[first + b] = -1
+                slot = start[e] + 4 * b + a
+                slots[slot] = -1
                 if i >= 0:
                     pair = find_sorted(block_nodes, block_ptr[i], block_ptr[i + 1], row[b])
                     if pair < 0:  # not found
                         return e
-                    slots[first + b] = blocks[pair]
+                    slots[slot] = blocks[pair]
     return -1

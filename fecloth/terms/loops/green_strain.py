@@ -5,17 +5,25 @@ C26), F as its columns (F11, F21, F31, F12, F22, F32), and B_a with δE = Σ B_a
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
-from fecloth.compiled.jit import Array, Zeros, inner
+from fecloth.compiled.jit import Array, Zeros, inlined, inner
+from fecloth.compiled.lanes import group, multiply_add, repeat
+from fecloth.linalg.lane_blocks import (
+    add_product,
+    add_to_diagonal,
+    as_columns,
+    as_rows,
+    block_of,
+    write_block,
+)
 
 Three = tuple[float, float, float]
 """The components 11, 22, 12 of a strain or stress, or a vector."""
 Six = tuple[float, float, float, float, float, float]
 """F as its columns, or the moduli ℂ."""
-Rows = tuple[Three, Three, Three]
-"""The rows of a 3×3 matrix."""
 
 
 @inner
@@ -111,111 +119,92 @@ def scatter_force(
         f[i, 2] -= P31 * G1 + P32 * G2
 
 
-@inner
-def material_rows(C: Six, F: Six, G1: float, G2: float) -> Rows:
-    """T = ℂ B_a, the change of (S11, S22, S12) with δx_a, for G_a = (G1, G2).
+@inlined
+def columns_of(F: Six) -> tuple[Any, Any]:
+    """The columns F₁ and F₂ in lanes."""
+    F11, F21, F31, F12, F22, F32 = F
+    return group(F11, F21, F31, 0.0), group(F12, F22, F32, 0.0)
+
+
+@inlined
+def combine(a: float, x: Any, b: float, y: Any) -> Any:
+    """a x + b y of vectors in lanes."""
+    return multiply_add(repeat(a), x, multiply_add(repeat(b), y, repeat(0.0)))
+
+
+@inlined
+def material_rows(C: Six, F1: Any, F2: Any, G1: float, G2: float) -> tuple[Any, Any, Any]:
+    """T = ℂ B_a in lanes, the change of (S11, S22, S12) with δx_a, for G_a = (G1, G2).
 
     B_a has the rows F₁ G1, F₂ G2 and F₁ G2 + F₂ G1, for E11, E22 and 2 E12.
     """
     C11, C22, C66, C12, C16, C26 = C
-    F11, F21, F31, F12, F22, F32 = F
-    # each row of T is α F₁ + β F₂
-    a1 = C11 * G1 + C16 * G2
-    b1 = C12 * G2 + C16 * G1
-    a2 = C12 * G1 + C26 * G2
-    b2 = C22 * G2 + C26 * G1
-    a3 = C16 * G1 + C66 * G2
-    b3 = C26 * G2 + C66 * G1
     return (
-        (a1 * F11 + b1 * F12, a1 * F21 + b1 * F22, a1 * F31 + b1 * F32),
-        (a2 * F11 + b2 * F12, a2 * F21 + b2 * F22, a2 * F31 + b2 * F32),
-        (a3 * F11 + b3 * F12, a3 * F21 + b3 * F22, a3 * F31 + b3 * F32),
-    )
-
-
-@inner
-def material_block(T: Rows, H: Six, G1: float, G2: float) -> Rows:
-    """Tᵀ B_b(H) = p ⊗ H₁ + r ⊗ H₂, the 3×3 material block of the pair (a, b).
-
-    T is what `material_rows` returns for a. B_b(H) is B_b with H, as columns, in place of F, for
-    G_b = (G1, G2).
-    """
-    T1, T2, T3 = T
-    H11, H21, H31, H12, H22, H32 = H
-    p1 = T1[0] * G1 + T3[0] * G2
-    r1 = T3[0] * G1 + T2[0] * G2
-    p2 = T1[1] * G1 + T3[1] * G2
-    r2 = T3[1] * G1 + T2[1] * G2
-    p3 = T1[2] * G1 + T3[2] * G2
-    r3 = T3[2] * G1 + T2[2] * G2
-    return (
-        (p1 * H11 + r1 * H12, p1 * H21 + r1 * H22, p1 * H31 + r1 * H32),
-        (p2 * H11 + r2 * H12, p2 * H21 + r2 * H22, p2 * H31 + r2 * H32),
-        (p3 * H11 + r3 * H12, p3 * H21 + r3 * H22, p3 * H31 + r3 * H32),
+        combine(C11 * G1 + C16 * G2, F1, C12 * G2 + C16 * G1, F2),
+        combine(C12 * G1 + C26 * G2, F1, C22 * G2 + C26 * G1, F2),
+        combine(C16 * G1 + C66 * G2, F1, C26 * G2 + C66 * G1, F2),
     )
 
 
 @inner
 def scatter_symmetric(
     per_node: Zeros, slots: Array, G: Array, e: int, q: int, wS: float, wC: float, F: Six,
-    S: Three, C: Six, J: Array,
+    S: Three, C: Six, numbers: Array,
 ) -> None:  # fmt: skip
     """J_ab += wC B_aᵀ ℂ B_b + wS (G_a · S G_b) I₃ for all pairs a, b of nodes of triangle e.
 
     As J_ba = J_abᵀ, only the pairs with b ≤ a are computed. `slots` (m, k, k) are the blocks of
-    J. The weights wC and wS are those of the material and of the geometric part.
+    J, and `numbers` (9 b,) are all numbers of J. The weights wC and wS are those of the material
+    and of the geometric part.
     """
     S11, S22, S12 = wS * S[0], wS * S[1], wS * S[2]
     C = (wC * C[0], wC * C[1], wC * C[2], wC * C[3], wC * C[4], wC * C[5])
+    F1, F2 = columns_of(F)
+    rows = as_rows(F1), as_rows(F2)
+    columns = as_columns(F1), as_columns(F2)
     for a in range(len(per_node)):
         G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
-        T = material_rows(C, F, G1, G2)
+        T1, T2, T3 = material_rows(C, F1, F2, G1, G2)
         g1, g2 = S11 * G1 + S12 * G2, S12 * G1 + S22 * G2
         for b in range(a + 1):
             H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
-            M = material_block(T, F, H1, H2)
+            p = combine(H1, T1, H2, T3)  # Tᵀ B_b = p ⊗ F₁ + r ⊗ F₂
+            r = combine(H1, T3, H2, T2)
             g = g1 * H1 + g2 * H2
-            s = np.uintp(slots[e, a, b])
-            for i in range(3):
-                J[s, i, i] += M[i][i] + g
-            J[s, 0, 1] += M[0][1]
-            J[s, 0, 2] += M[0][2]
-            J[s, 1, 0] += M[1][0]
-            J[s, 1, 2] += M[1][2]
-            J[s, 2, 0] += M[2][0]
-            J[s, 2, 1] += M[2][1]
+            add_pair(as_rows(p), columns[0], as_rows(r), columns[1], g, numbers, slots[e, a, b])
             if b < a:
-                s = np.uintp(slots[e, b, a])
-                for i in range(3):
-                    J[s, i, i] += M[i][i] + g
-                J[s, 1, 0] += M[0][1]
-                J[s, 2, 0] += M[0][2]
-                J[s, 0, 1] += M[1][0]
-                J[s, 2, 1] += M[1][2]
-                J[s, 0, 2] += M[2][0]
-                J[s, 1, 2] += M[2][1]
+                add_pair(rows[0], as_columns(p), rows[1], as_columns(r), g, numbers, slots[e, b, a])
 
 
 @inner
 def scatter_mixed(
     per_node: Zeros, slots: Array, G: Array, e: int, q: int, wS: float, wC: float, F: Six,
-    F1: Six, S: Three, C: Six, J: Array,
+    H: Six, S: Three, C: Six, numbers: Array,
 ) -> None:  # fmt: skip
-    """J_ab += wC B_a(F)ᵀ ℂ B_b(F₁) + wS (G_a · S G_b) I₃, which is not symmetric.
+    """J_ab += wC B_a(F)ᵀ ℂ B_b(H) + wS (G_a · S G_b) I₃, which is not symmetric.
 
-    The arguments are as for `scatter_symmetric`; F₁ stands in place of F in B_b.
+    The arguments are as for `scatter_symmetric`; H stands in place of F in B_b.
     """
     S11, S22, S12 = wS * S[0], wS * S[1], wS * S[2]
     C = (wC * C[0], wC * C[1], wC * C[2], wC * C[3], wC * C[4], wC * C[5])
+    F1, F2 = columns_of(F)
+    H1, H2 = columns_of(H)
+    columns = as_columns(H1), as_columns(H2)
     for a in range(len(per_node)):
         G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
-        T = material_rows(C, F, G1, G2)
+        T1, T2, T3 = material_rows(C, F1, F2, G1, G2)
         g1, g2 = S11 * G1 + S12 * G2, S12 * G1 + S22 * G2
         for b in range(len(per_node)):
-            H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
-            M = material_block(T, F1, H1, H2)
-            s = np.uintp(slots[e, a, b])
-            for i in range(3):
-                J[s, i, i] += g1 * H1 + g2 * H2
-                for j in range(3):
-                    J[s, i, j] += M[i][j]
+            b1, b2 = G[e, q, b, 0], G[e, q, b, 1]
+            p = combine(b1, T1, b2, T3)
+            r = combine(b1, T3, b2, T2)
+            g = g1 * b1 + g2 * b2
+            add_pair(as_rows(p), columns[0], as_rows(r), columns[1], g, numbers, slots[e, a, b])
+
+
+@inlined
+def add_pair(p: Any, F1: Any, r: Any, F2: Any, g: float, numbers: Array, slot: int) -> None:
+    """Add p ⊗ F₁ + r ⊗ F₂ + g I₃ to a block of J, with p and r as rows, F₁ and F₂ as columns."""
+    s = np.uintp(slot)
+    block = add_to_diagonal(g, block_of(numbers, s))
+    write_block(add_product(r, F2, add_product(p, F1, block)), numbers, s)

@@ -124,6 +124,7 @@ def add_tangent(
 
     For a strain wv is wx, the weight of K; for the rate of a strain it is the weight of D.
     """
+    numbers = J.reshape(J.size)
     for e in range(len(nodes)):
         for q in range(len(per_point)):
             F = gradient(per_node, nodes, G, e, q, x)
@@ -131,7 +132,7 @@ def add_tangent(
             _, S, C = law(E, c[e])
             geometric = wx * w[e, q]
             material = wv * w[e, q]
-            scatter_symmetric(per_node, slots, G, e, q, geometric, material, F, S, C, J)
+            scatter_symmetric(per_node, slots, G, e, q, geometric, material, F, S, C, numbers)
 
 
 def add_definite_tangent(
@@ -142,6 +143,7 @@ def add_definite_tangent(
 
     Then it is positive semi-definite, if ℂ is.
     """
+    numbers = J.reshape(J.size)
     for e in range(len(nodes)):
         for q in range(len(per_point)):
             F = gradient(per_node, nodes, G, e, q, x)
@@ -150,7 +152,7 @@ def add_definite_tangent(
             tension = clamp(S)
             geometric = wx * w[e, q]
             material = wv * w[e, q]
-            scatter_symmetric(per_node, slots, G, e, q, geometric, material, F, tension, C, J)
+            scatter_symmetric(per_node, slots, G, e, q, geometric, material, F, tension, C, numbers)
 
 
 def add_mixed_tangent(
@@ -162,6 +164,7 @@ def add_mixed_tangent(
 
     H is the gradient of `motion` (n, 3), the way of the nodes in half a step or their velocity.
     """
+    numbers = J.reshape(J.size)
     for e in range(len(nodes)):
         for q in range(len(per_point)):
             F = gradient(per_node, nodes, G, e, q, x)
@@ -177,7 +180,7 @@ def add_mixed_tangent(
                 wv * F[5] + mixed * H[5],
             )
             geometric = wx * w[e, q]
-            scatter_mixed(per_node, slots, G, e, q, geometric, w[e, q], F, right, S, C, J)
+            scatter_mixed(per_node, slots, G, e, q, geometric, w[e, q], F, right, S, C, numbers)
 
 
 def add_stress(
