@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula_functions import Closure, compile_tree, derivative
+from fecloth.quantities.formula_functions import Closure, compile_tree, derivative, is_smooth
 from fecloth.quantities.formula_syntax import parse
 from fecloth.validation import known
 
@@ -88,6 +88,11 @@ class Formula:
             raise self._error(value, numbers)
         number: float = value.item()
         return number
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether it consists of smooth functions only, so that it jumps nowhere."""
+        return is_smooth(_parse(self.text, self.variables, self.condition))
 
     def derivative(self, variable: str) -> "Formula":
         """Return the exact derivative by a variable, as a formula.

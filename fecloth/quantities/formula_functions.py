@@ -69,6 +69,7 @@ FUNCTIONS: dict[str, Function] = {
     "where": Function(np.where, ("condition", "a", "b"), "a where the condition holds, else b"),
     "smoothstep": Function(smoothstep, ("a", "b", "t"), _RAMP),
 }
+SMOOTH = {"sin", "cos", "tanh", "exp", "log", "sqrt"}  # where they are finite
 UNARY: dict[type[ast.unaryop], Callable[..., Any]] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
@@ -137,6 +138,20 @@ def compile_tree(node: ast.AST, variables: tuple[str, ...], derived: bool = Fals
         case ast.Call(func=ast.Name(id=name), args=parts):
             return apply(name, FUNCTIONS[name].value, *parts)
     raise AssertionError(f"unchecked node {node!r}")
+
+
+def is_smooth(tree: ast.AST) -> bool:
+    """Return whether a checked syntax tree consists of smooth functions only.
+
+    The others are kinks and jumps, such as abs and floor, what has a condition, and the
+    remainder.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Mod | ast.Compare | ast.BoolOp):
+            return False
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") not in SMOOTH:
+            return False
+    return True
 
 
 def _constant(value: Any) -> Closure:
