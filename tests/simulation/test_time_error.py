@@ -340,7 +340,7 @@ def test_many_jumps_of_a_load_are_found():
 def test_smooth_loads_are_not_searched_for_jumps(monkeypatch):
     monkeypatch.setattr(Formula, "__call__", None)
     assert not len(jumps_of(fc.Pressure("300*t + exp(-((t - 0.1)/1e-4)**2)")))
-    assert not len(jumps_of(fc.Wind(("3*sin(t)", "0", "0"))))
+    assert not len(jumps_of(fc.Wind(("3*sin(t)", "0", "0"), normal=0.7)))
 
 
 def test_loads_are_searched_once(monkeypatch):
