@@ -50,6 +50,7 @@ FUNCTIONS: dict[str, Function] = {
     ),
     "smoothstep": Function(Operation.SMOOTHSTEP, ("a", "b", "t"), _RAMP),
 }
+SMOOTH = {"sin", "cos", "tanh", "exp", "log", "sqrt"}  # where they are finite
 UNARY: dict[type[ast.unaryop], Operation | None] = {
     ast.USub: Operation.NEGATE,
     ast.UAdd: None,  # +x is x
@@ -72,6 +73,21 @@ COMPARE: dict[type[ast.cmpop], Operation] = {
     ast.Gt: Operation.GREATER,
     ast.GtE: Operation.GREATER_EQUAL,
 }
+
+
+def is_smooth(tree: ast.AST) -> bool:
+    """Return whether a checked syntax tree consists of smooth functions only.
+
+    The others are kinks and jumps, such as abs and floor, what has a condition, and the
+    remainder.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Mod | ast.Compare | ast.BoolOp):
+            return False
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") not in SMOOTH:
+            return False
+    return True
+
 
 _X = "min(max((c - a)/(b - a), 0), 1)"  # of smoothstep(a, b, c)
 PARTIALS: dict[Operation, tuple[str, ...]] = {  # by each of the operands a, b, c
