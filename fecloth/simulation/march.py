@@ -102,7 +102,6 @@ def march(
             warnings.warn(str(doubt), FeclothWarning, stacklevel=2)
     records = begin.term_history or system.start_history(state)
     protocol.check_history(system, taker, records)
-    system.constraints.expect(targets)
     plan = Plan(
         system=system,
         method=taker,

@@ -11,7 +11,6 @@ from fecloth.integrators import protocol
 from fecloth.integrators.step import Step
 from fecloth.simulation.step_times import ChosenSteps, fit_step
 from fecloth.stability import critical_dt, estimate
-from fecloth.system.constraints import TIMES_AT_ONCE
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
@@ -95,7 +94,6 @@ class StabilityLimited(ChosenSteps):
         limited = memory or self._start(now, state)
         if limited.steps % STEPS_BETWEEN_CHECKS == 0:
             limited = self._update(now, state, limited)
-            system.constraints.expect(np.add.accumulate([state.t, *[limited.dt] * TIMES_AT_ONCE]))
         dt = fit_step(limited.dt, horizon)
         step = protocol.take_step(
             self.method, system, state, dt, solver, limited.method_memory, history

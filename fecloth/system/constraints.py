@@ -15,8 +15,6 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.pins import Motion, Pin
 
-# Times at which the formulas of a motion are evaluated together, which saves calls.
-TIMES_AT_ONCE = 64
 # Products of what is not finite give no warnings here: the solvers look for it.
 QUIET = np.errstate(over="ignore", invalid="ignore")
 
@@ -27,9 +25,7 @@ class _MovedGroup:
     def __init__(self, pin: Pin, nodes: np.ndarray):
         self.pin = pin
         self.nodes = nodes
-        self.expected = np.empty(0)
         self._last: tuple[float, np.ndarray] | None = None
-        self._ahead: dict[float, tuple[np.ndarray, np.ndarray]] = {}
 
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m], evaluated once for several calls with the same t."""
@@ -41,10 +37,9 @@ class _MovedGroup:
 
     def end(self, t: float, since: float) -> tuple[np.ndarray, np.ndarray]:
         """Displacement [m] and speed [m/s] at the end of a step from `since`."""
-        end = self._ahead.get(t) or self._look_ahead(t)
-        end = end or (self.pin.displacement(t), self.pin.speed(t, since=since))
-        self._last = t, end[0]
-        return end
+        displacement = self.pin.displacement(t)
+        self._last = t, displacement
+        return displacement, self.pin.speed(t, since=since)
 
     def rows(self, begins: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the displacements over steps [m] and the speeds at their ends [m/s].
@@ -65,22 +60,6 @@ class _MovedGroup:
             pairs.append(np.broadcast_arrays(after - before, speed))
         both = np.array(pairs).reshape(len(ends), 2, -1, 3)
         return both[:, 0], both[:, 1]
-
-    def _look_ahead(self, t: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Evaluate the expected times from t on, for later calls; return the values at t.
-
-        They are the displacement [m] and the speed [m/s]. None if t is no expected time, or if
-        the motion cannot be evaluated at many times at once.
-        """
-        first = int(np.searchsorted(self.expected, t))
-        times = self.expected[first : first + TIMES_AT_ONCE]
-        if len(times) < 2 or times[0] != t:  # one time alone saves no call
-            return None
-        values = self.pin.at_once(times)
-        if values is None:
-            return None
-        self._ahead = dict(zip(times.tolist(), zip(*values, strict=True), strict=True))
-        return self._ahead[t]
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,14 +170,6 @@ class Constraints:
                 x[group.nodes], v[group.nodes] = turn(group.pin, t, t + dt, here, before, after)
                 v[group.nodes] += speed
         return x, v
-
-    def expect(self, times: np.ndarray) -> None:
-        """Let `target` evaluate formulas at many of these times at once, to equal bits.
-
-        The times are the ends of the next steps.
-        """
-        for group in self._moved:
-            group.expected = times
 
     @cached_property
     def _moved(self) -> list[_MovedGroup]:
@@ -430,7 +401,5 @@ class MotionRows:
         speed = np.zeros(shape)
         for group in moved:
             at = np.searchsorted(constraints.nodes, group.nodes)
-            for first in range(0, len(sizes), TIMES_AT_ONCE):
-                steps = slice(first, min(first + TIMES_AT_ONCE, len(sizes)))
-                path[steps, at], speed[steps, at] = group.rows(times[steps], reached[steps])
+            path[:, at], speed[:, at] = group.rows(times[:-1], reached)
         return cls(times, sizes, reached, path, speed)

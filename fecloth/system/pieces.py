@@ -130,7 +130,11 @@ def _connect(n: int, stencils: Iterable[np.ndarray]) -> tuple[int, np.ndarray]:
 
 def turns(y: np.ndarray) -> np.ndarray:
     """(h, 3, 3) the matrix of ω ↦ ω × y of each y (h, 3)."""
-    return np.cross(np.eye(3), y[:, None]).transpose(0, 2, 1)
+    matrices = np.zeros((len(y), 3, 3))
+    matrices[:, 0, 1] = y[:, 2]
+    matrices[:, 1, 2] = y[:, 0]
+    matrices[:, 2, 0] = y[:, 1]
+    return matrices - matrices.transpose(0, 2, 1)
 
 
 def fit_motion(
@@ -151,5 +155,6 @@ def fit_motion(
 
 def _turn(u: np.ndarray, omega: np.ndarray, r: np.ndarray) -> np.ndarray:
     """u + ω × r, (k, 3)."""
-    velocity: np.ndarray = u + np.einsum("ji,aj->ai", np.cross(omega, np.eye(3)), r)
+    (turn,) = turns(-omega[None])  # the matrix of r ↦ ω × r
+    velocity: np.ndarray = u + np.einsum("ij,aj->ai", turn, r)
     return velocity

@@ -14,7 +14,7 @@ from fecloth import validation
 from fecloth.errors import FeclothError, InputError, brief, errors_of, flag, is_number
 from fecloth.mesh.selection import Where
 from fecloth.quantities.arguments import checks_arguments
-from fecloth.quantities.formula import Formula
+from fecloth.quantities.formula import Formula, FormulaVector
 from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.time_function import DIFFERENCE_STEP, difference_quotient
 
@@ -57,11 +57,11 @@ class Motion:
 
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
         """Displacement (3,) or (k, 3) [m]; of times (m,) one for each, to the same bits."""
-        return self._stack(self.formulas, t)
+        return self._evaluate(self._components, t)
 
     def velocity(self, t: float | np.ndarray) -> np.ndarray:
         """The exact derivative of the displacement by t, of the same shape [m/s]."""
-        return self._stack(self._derivatives, t)
+        return self._evaluate(self._rates, t)
 
     def check(self, times: np.ndarray) -> None:
         """Raise `InputError` if the motion or its velocity is not finite at times of a run.
@@ -79,25 +79,29 @@ class Motion:
             self(later + DIFFERENCE_STEP)
 
     @cached_property
-    def _derivatives(self) -> tuple[Formula, ...]:
-        return tuple(formula.derivative("t") for formula in self.formulas)
+    def _components(self) -> FormulaVector:
+        return FormulaVector(self.formulas)
 
-    def _stack(self, parts: Sequence[Formula], t) -> np.ndarray:
+    @cached_property
+    def _rates(self) -> FormulaVector:
+        return self._components.derivative("t")
+
+    def _evaluate(self, components: FormulaVector, t) -> np.ndarray:
         """Return the values of three formulas at t: (3,) or, for X and Y of k nodes, (k, 3).
 
         At times (m,) they are (m, 3) or (m, k, 3). Raises `InputError` for formulas of X and Y
         without the material points of nodes.
         """
-        if self.by_place and self.X is None:
+        if not self.by_place:
+            variables = np.array(t, float).reshape(1, -1)
+        elif self.X is None:
             raise InputError("a motion of X and Y", "has values at the nodes of a System only")
-        # a single time stands there twice: NumPy may round arrays of one number differently
-        at = {"t": np.resize(t, max(2, np.size(t)))}
-        if self.by_place and self.X is not None:
-            at = {"t": at["t"][:, None], "X": self.X[:, 0], "Y": self.X[:, 1]}
-        values = np.stack([part(**at) for part in parts], axis=-1)
-        if np.ndim(t):
-            return values[: np.size(t)]
-        return values[0]
+        else:
+            variables = np.empty((3, np.size(t), len(self.X)))
+            variables[0] = np.reshape(t, (-1, 1))
+            variables[1:] = self.X.T[:, None]
+        values = components(variables.reshape(len(variables), -1))
+        return values.reshape(*np.shape(t), *variables.shape[2:], 3)
 
 
 def _refused(parts: object, name: str) -> InputError:

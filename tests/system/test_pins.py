@@ -9,7 +9,7 @@ from support.tiers import MASSES, in_turn
 
 import fecloth as fc
 from fecloth.integrators import METHODS
-from fecloth.system.constraints import TIMES_AT_ONCE, Constraints, MotionRows
+from fecloth.system.constraints import Constraints, MotionRows
 from fecloth.system.pins import Motion
 
 # steps are coarse and meshes small by intent
@@ -174,47 +174,24 @@ def test_times_evaluated_at_once_have_the_bits_of_single_ones(motion, nodes, rng
                 assert np.array_equal(row.ravel(), single(float(t)).ravel())
 
 
-@pytest.mark.parametrize("dt", [1e-4, None], ids=["fixed steps", "stable steps"])
 @pytest.mark.parametrize("method", [fc.CentralDifference(), fc.SymplecticEuler()], ids=repr)
-def test_formulas_are_evaluated_for_many_steps_at_once(dt, method, small, isotropic, monkeypatch):
-    """Also where a march is resumed and where fused steps are taken; the bits are the same."""
+def test_rows_of_many_steps_have_the_bits_of_single_steps(method, small, isotropic):
     system = fc.System(small, isotropic, [fc.StVK()], [fc.Pin("left", GENERAL)])
-    start, calls, original = system.rest(), [], Motion.__call__
-
-    def counted(motion, t):
-        calls.append(t)
-        return original(motion, t)
-
-    monkeypatch.setattr(Motion, "__call__", counted)
-    march = fc.march(system, method, start, dt, 1.0)
-    opened = next(march)  # it warns of jumps, for which it evaluates many times
-    calls.clear()
-    taken = [opened, *itertools.islice(march, 299)]
-    states, infos = zip(*taken, strict=True)
-    assert 3 <= len(calls) <= 2 * (2 + 300 // TIMES_AT_ONCE + (300 // 16 if dt is None else 0))
-    at = infos[199]
-    going = fc.march(system, method, at.result.state, dt, 1.0, memory=at.memory)
-    again = [state.x for state, _ in itertools.islice(going, 100)]
-    assert all(np.array_equal(x, state.x) for x, state in zip(again, states[200:], strict=True))
-    assert abs(again[-1] - start.x).max() > 1e-6
-    for first in (0, 100):  # begins, sizes and ends as fused steps have them
-        some = infos[first : first + 150]
-        times = np.array([some[0].old.t, *(info.t for info in some)])
-        calls.clear()
-        rows = MotionRows.evaluate(system.constraints, times, np.array([i.size for i in some]))
-        assert len(calls) <= 3 * 3
-        left = system.constraints.nodes
-        for row, info in zip(rows.speed, some, strict=True):
-            assert np.array_equal(row, info.result.state.v[left])
+    march = fc.march(system, method, system.rest(), 1e-4, 1.0)
+    infos = [info for _, info in itertools.islice(march, 150)]
+    times = np.array([infos[0].old.t, *(info.t for info in infos)])
+    rows = MotionRows.evaluate(system.constraints, times, np.array([i.size for i in infos]))
+    left = system.constraints.nodes
+    assert rows.speed.any()
+    for row, info in zip(rows.speed, infos, strict=True):
+        assert np.array_equal(row, info.result.state.v[left])
 
 
-def test_a_value_that_is_not_finite_ahead_does_not_stop_a_run(small, isotropic):
-    """Times after the end of a run, and speeds that are difference quotients, as of √t³ at 0."""
-    ends = np.linspace(0.1, 2.0, 20)
+def test_speeds_that_are_not_finite_are_difference_quotients(small, isotropic):
+    """As of √t³ at 0 by the chain rule."""
     for motion in (["0.1*Y*log(1.05 - t)", 0, 0], ["0.1*Y*sqrt(1.05 - t)**3", 0, 0]):
         system = fc.System(small, isotropic, [fc.StVK()], [fc.Pin("left", motion)])
         ((pin, left),) = system.constraints.groups.values()
-        system.constraints.expect(ends)
         x, v = system.constraints.target(0.0, 0.1, system.rest().x)
         change = pin.displacement(0.1) - pin.displacement(0.0)
         assert change.any()
