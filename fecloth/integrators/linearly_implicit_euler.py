@@ -10,6 +10,7 @@ from fecloth.integrators.one_stage import BackwardEuler, StageMethod
 from fecloth.integrators.step import UNCOUNTED, Begin, OpensSteps, Solution, Step, arrive
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import Updates, solve_updated
+from fecloth.linalg.protocol import remainder
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
@@ -69,13 +70,13 @@ class LinearOpening:
         begin = self.begin
         v = begin.v + (q + self.held)
         a = (q + self.inertial) / self.dt
-        R = system.mass_times(a) - system.force(begin) + A @ v
+        f = system.force(begin) - system.mass_times(a)
         if any(term.velocity_dependent for term in system.bound):  # A v has D v₀ + D Δv
             D = BlockMatrix.zeros(system.pattern, system.team)
-            R -= system.assemble(D, begin, wv=1.0, definite=self.definite) @ begin.v
+            f += system.assemble(D, begin, wv=1.0, definite=self.definite) @ begin.v
         for c, u in dense:
-            R += self.dt * c * system.sums.dot(u, v) * u
-        free: np.ndarray = system.constraints.project(R)
+            f -= self.dt * c * system.sums.dot(u, v) * u
+        free: np.ndarray = system.constraints.project(-remainder(A, f, v))
         return free
 
     def tangent(self, q: np.ndarray, J: BlockMatrix) -> BlockMatrix:
@@ -182,7 +183,7 @@ def _velocity_change(opening: LinearOpening, solver: SolverContext) -> tuple[np.
     if guess is not None:
         guess = project(guess.copy())
     updates = [(dt * c, project(u)) for c, u in dense]
-    free, infos = solve_updated(linear, updates, b, rtol=solver.options.residual, guess=guess)
+    free, infos = solve_updated(linear, updates, b, solver.options.residual, guess)
     seconds["factor"] = infos[0].seconds_factor
     seconds["solve"] = sum(info.seconds_solve for info in infos)
     iterations = sum(info.iterations for info in infos)
