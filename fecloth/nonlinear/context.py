@@ -15,6 +15,7 @@ from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.nonlinear.error_left import StepError
+from fecloth.nonlinear.joined_stage import LastStage
 from fecloth.nonlinear.options import Newton
 
 # By solver: what a tangent and its factor cost, in solves and residuals with it, on one thread.
@@ -116,6 +117,8 @@ class SolverContext:
         The record of the factor that the linear solver holds from an earlier iteration.
     step_error
         The error in time of the next step, for the tolerance "auto"; None where it is not known.
+    last_stage
+        The joined calls of the last stage.
     """
 
     linear: LinearSolver | None
@@ -123,6 +126,7 @@ class SolverContext:
     options: Newton
     factor_reuse: FactorReuse = field(default_factory=FactorReuse)
     step_error: StepError | None = None
+    last_stage: LastStage = field(default_factory=LastStage)
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
         """Begin a step near x (n, 3) with these weights of K and M.

@@ -18,6 +18,7 @@ from fecloth.nonlinear.equation import (
 )
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.iteration import iterate
+from fecloth.nonlinear.joined_stage import JoinedStage
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.remedies import Remedies, Remedy
 from fecloth.nonlinear.stage import Stage
@@ -42,11 +43,16 @@ class NewtonFailed(Unsolved):
 
 @dataclass(frozen=True, eq=False)
 class StageEquation:
-    """R = M a − f at the unknown q of a stage, with J = wa M + wv D + wx K."""
+    """R = M a − f at the unknown q of a stage, with J = wa M + wv D + wx K.
+
+    `joined` evaluates it without Python between kernels, to the same bits; None if a term needs
+    Python.
+    """
 
     system: System
     stage: Stage
     definiteness: str
+    joined: JoinedStage | None = None
 
     longest = float("inf")
     explores = False
@@ -89,7 +95,10 @@ class StageEquation:
         terms = self.system.bound
         x, v, _ = stage.at(q)
         inertia = self.system.scalar_mass @ (0.5 * stage.wa * q + stage.a)
-        energy = sum(term.energy(x, stage.t) for term in terms if term.has_energy)
+        if self.joined and self.joined.has_energies:
+            energy = self.joined.energy(q)
+        else:
+            energy = sum(term.energy(x, stage.t) for term in terms if term.has_energy)
         power = sum(term.power(x, v, stage.t) for term in terms if term.damps_linearly)
         potential = energy / stage.wx + (0.5 * power / stage.wv if power else 0.0)
         return self.system.sums.dot(q, inertia) + potential
@@ -109,6 +118,13 @@ class StageEquation:
         The scale is ‖M a‖ + Σ ‖f_term‖, reactions included, at the first iterate, where `scale`
         is 0. Later it is returned as it is given.
         """
+        if self.joined and scale:
+            return self.joined.residual(q), scale
+        if self.joined:
+            R, scale = self.joined.first_residual(q)
+            if np.isfinite(scale):
+                return R, scale
+            scale = 0.0  # the terms below raise an error if a load is not finite
         x, v, a = self.stage.at(q)
         system = self.system
         inertia = system.scalar_mass @ a
@@ -147,7 +163,14 @@ class StageEquation:
     def assemble(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
         """J = (1 + σ) wa M + wv D + wx K; K and D as they are, or definite."""
         _, wx, wv, wa, definite = self.key(remedy)
+        if self.joined and J is self.joined.matrix:
+            self.joined.assemble(q, wa, definite)
+            return
         self.system.project(self.system.assemble(J, self.state(q), wx, wv, wa, definite))
+
+    def mass_weight(self, remedy: Remedy) -> float:
+        """(1 + σ) wa."""
+        return (1 + remedy.shift) * self.stage.wa
 
     def couple(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
         """J plus what terms couple outside its pattern."""
@@ -164,7 +187,7 @@ class StageEquation:
         """The system, the weights of K, D and M, and whether K and D are definite."""
         stage = self.stage
         same = self.system.constraints  # which a system shares with itself over a step
-        return same, stage.wx, stage.wv, (1 + remedy.shift) * stage.wa, remedy.definite
+        return same, stage.wx, stage.wv, self.mass_weight(remedy), remedy.definite
 
     def failure(self, reason: str, point: Point, residual: float) -> NewtonFailed:
         """The error, with what may help."""
@@ -197,7 +220,9 @@ def solve(
 
     Raises `NewtonFailed` where the iteration fails, or no start was found that contacts allow.
     """
-    equation = StageEquation(system, stage, solver.options.definiteness)
+    _, matrix = solver.matrix_solver()
+    joined = solver.last_stage.join(system, stage, matrix)
+    equation = StageEquation(system, stage, solver.options.definiteness, joined)
     zero = np.zeros_like(stage.x)
     q = zero if guess is None else system.constraints.project(guess.copy())
     if has_limits(system):

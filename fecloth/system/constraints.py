@@ -8,6 +8,8 @@ from typing import Self
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled.calls import Call
+from fecloth.compiled.jit import Array, rounded_kernel
 from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
@@ -131,10 +133,9 @@ class Constraints:
             projectors.append(np.tile(pin.projector, (len(its_nodes), 1, 1)))
         return cls(groups, nodes, np.concatenate(projectors)[first])
 
-    @QUIET
     def project(self, y: np.ndarray) -> np.ndarray:
         """P y in place, y (n, 3)."""
-        y[self.nodes] = self._free_part(y[self.nodes])
+        project_rows(self.nodes, self.projectors, y)
         return y
 
     def _free_part(self, rows: np.ndarray) -> np.ndarray:
@@ -325,13 +326,62 @@ class MatrixProjection:
         diagonal = pattern.diagonal[constraints.nodes].astype(np.int64)
         return cls(blocks, left[blocks], right[blocks], projectors, diagonal)
 
-    @QUIET
     def apply(self, A: BlockMatrix) -> None:
         """Project A in place."""
-        scale = np.einsum("cii->c", A.values[self.diagonal]) / 3
-        P = self.projectors
-        A.values[self.blocks] = P[self.left] @ A.values[self.blocks] @ P[self.right]
-        A.values[self.diagonal] += scale[:, None, None] * (np.eye(3) - P[:-1])
+        function, arguments = self.call(A)
+        function(*arguments)
+
+    def call(self, A: BlockMatrix) -> Call:
+        """The call that projects A."""
+        scale = np.empty(len(self.diagonal))
+        arrays = self.blocks, self.left, self.right, self.projectors, self.diagonal, scale
+        return project_blocks, (*arrays, A.values)
+
+
+@rounded_kernel
+def project_rows(nodes: Array, P: Array, y: Array) -> None:
+    """y_i = P y_i of the constrained nodes i (c,), whose projectors are P (c, 3, 3)."""
+    for n in range(len(nodes)):
+        i = nodes[n]
+        y1, y2, y3 = y[i, 0], y[i, 1], y[i, 2]
+        for k in range(3):
+            y[i, k] = P[n, k, 0] * y1 + P[n, k, 1] * y2 + P[n, k, 2] * y3
+
+
+@rounded_kernel
+def project_blocks(
+    blocks: Array,
+    left: Array,
+    right: Array,
+    P: Array,
+    diagonal: Array,
+    scale: Array,
+    values: Array,
+) -> None:
+    """P A P + (I − P) s with the blocks `values` of A; see `MatrixProjection`.
+
+    `scale` (c,) is work space, for s of each constrained node.
+    """
+    for n in range(len(diagonal)):
+        own = values[diagonal[n]]
+        scale[n] = (own[0, 0] + own[1, 1] + own[2, 2]) / 3
+    PA = np.empty((3, 3))
+    for k in range(len(blocks)):
+        A = values[blocks[k]]
+        L = P[left[k]]
+        R = P[right[k]]
+        for i in range(3):
+            for j in range(3):
+                PA[i, j] = L[i, 0] * A[0, j] + L[i, 1] * A[1, j] + L[i, 2] * A[2, j]
+        for i in range(3):
+            for j in range(3):
+                A[i, j] = PA[i, 0] * R[0, j] + PA[i, 1] * R[1, j] + PA[i, 2] * R[2, j]
+    for n in range(len(diagonal)):
+        own = values[diagonal[n]]
+        for i in range(3):
+            for j in range(3):
+                identity = 1.0 if i == j else 0.0
+                own[i, j] += scale[n] * (identity - P[n, i, j])
 
 
 @dataclass(frozen=True, eq=False)

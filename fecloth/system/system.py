@@ -342,11 +342,13 @@ class System:
         )
 
     @cached_property
-    def _projection(self) -> MatrixProjection:
+    def projection(self) -> MatrixProjection:
+        """The projection of matrices onto the free directions."""
         return MatrixProjection.bind(self.constraints, self.pattern)
 
     @cached_property
-    def _mass_slots(self) -> np.ndarray:
+    def mass_slots(self) -> np.ndarray:
+        """The number of the block of each entry of `scalar_mass`."""
         return find_entries(self.scalar_mass, self.pattern.slots)
 
     def with_bound(self, bound: Iterable) -> Self:
@@ -487,11 +489,18 @@ class System:
     ) -> BlockMatrix:
         """J += wa M + wv D + wx K at a state, in place."""
         if wa != 0.0:
-            add_mass(self._mass_slots, self.scalar_mass.data, wa, J.values)
+            self.add_mass(J, wa)
         for term in self.bound:
             if wx != 0.0 or (wv != 0.0 and term.velocity_dependent):
                 term.add_tangent(state.x, state.v, state.t, wx, wv, J, definite)
         return J
+
+    def add_mass(self, J: BlockMatrix, weight: float) -> None:
+        """J += weight M, in place.
+
+        With a lumped mass J may have been projected before: the result is the projected sum.
+        """
+        add_mass(self.mass_slots, self.scalar_mass.data, weight, J.values)
 
     def dense(self, state: State) -> list[tuple[float, np.ndarray]]:
         """(c, u (n, 3)) of the parts c u uᵀ of K that couple all nodes, outside the matrix."""
@@ -517,7 +526,7 @@ class System:
 
     def project(self, J: BlockMatrix) -> BlockMatrix:
         """P J P + (I − P) s, in place: the block of a pinned node becomes a multiple of I."""
-        self._projection.apply(J)
+        self.projection.apply(J)
         return J
 
     def linear_solver(self, choice: str, symmetric: bool) -> tuple[LinearSolver, BlockMatrix, str]:

@@ -22,7 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled.calls import Calls
+from fecloth.compiled.calls import Calls, Present
 from fecloth.errors import InputError, brief, with_article
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix
@@ -61,6 +61,21 @@ class Term(Protocol):
             first tangent. The first call makes the pattern of the matrix. An explicit method
             needs no tangent: a term that calls it at the first tangent saves this work.
         """
+
+
+def calls_of(term: "BoundTerm", function: str, calls: str) -> Callable[..., Calls | None] | None:
+    """The function `calls` of a term if its calls make up its own `function`, else None.
+
+    A class that overrides `function` alone has inherited the calls of another one. Therefore
+    the class that defines `calls` must be the class that defines `function`, or derive from it.
+    """
+    classes = type(term).__mro__
+    of_function = next(kind for kind in classes if function in vars(kind))
+    of_calls = next(kind for kind in classes if calls in vars(kind))
+    if not issubclass(of_calls, of_function):
+        return None
+    its_calls: Callable[..., Calls | None] = getattr(term, calls)
+    return its_calls
 
 
 def overrides(name: str) -> Any:
@@ -166,17 +181,62 @@ class BoundTerm:
         """
         raise NotImplementedError
 
-    def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
+    def force_calls(
+        self, x: np.ndarray, v: np.ndarray, t: np.ndarray, f: np.ndarray
+    ) -> Calls | None:
         """The kernels that make up `add_force`, in order, each with its arguments.
 
         Explicit steps then need no Python between the kernels. The kernels are called again and
-        again while x, v and f change in place, and may have work arrays of their own. Return
-        None where the force depends on t or needs Python. The result must have the same bits as
-        `add_force`. A `SharedCall`, as `SharedLoop` makes it, is made by several threads; one
-        thread makes all other calls. A class that overrides `add_force` must override this
-        function, too; otherwise it is not called.
+        again while x, v, the time t (1,) [s] and f change in place, and may have work arrays of
+        their own. Return None where the force needs Python. The result must have the same bits
+        as `add_force`; where that refuses a value that is not finite, they let it reach f. A
+        `SharedCall`, as `SharedLoop` makes it, is made by several threads; one thread makes all
+        other calls. A class that overrides `add_force` must override this function, too;
+        otherwise it is not called.
         """
         return None
+
+    def supply_calls(
+        self, x: np.ndarray, v: np.ndarray, t: np.ndarray, power: np.ndarray
+    ) -> Calls | None:
+        """The kernels that write `supply` to `power` (1,) [W], as `force_calls`; or None.
+
+        Only a term that dissipates in air without one steady velocity needs them.
+        """
+        return None
+
+    def tangent_calls(
+        self,
+        x: np.ndarray,
+        v: np.ndarray,
+        t: np.ndarray,
+        wx: Present,
+        wv: Present,
+        J: BlockMatrix,
+        definite: bool,
+    ) -> Calls | None:
+        """The kernels that make up `add_tangent`, as `force_calls` has those of `add_force`.
+
+        The weights and the time `t` (1,) change from call to call.
+        """
+        return None
+
+    def energy_calls(self, x: np.ndarray, t: np.ndarray, sums: np.ndarray) -> Calls | None:
+        """The kernels that write parts of `energy` to `sums`, as `force_calls`.
+
+        The energy is the sum of `sums` (`shared_loop.SUM_BLOCKS`,), which hold zeros before.
+        """
+        return None
+
+    @property
+    def step_arrays(self) -> tuple[np.ndarray, ...]:
+        """The arrays in which a term over a step differs from the term over another step.
+
+        The calls of a term over one step serve every step, once they are filled with the arrays
+        of the term over that step. The term is a dataclass: a copy by ``dataclasses.replace``
+        has arrays of its own.
+        """
+        return ()
 
     def coupling(
         self, x: np.ndarray, v: np.ndarray, t: float, wx: float, wv: float, definite: bool

@@ -5,17 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.compiled.calls import Calls
+from fecloth.compiled.calls import Calls, ValuedCall
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
+from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.dihedral_angle import fold_measure
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.bending.plate_stiffness import panel_curvatures
 from fecloth.terms.kinematics import plate_error
-from fecloth.terms.loops.array_updates import subtract
+from fecloth.terms.loops.array_updates import clear, scale, subtract
 from fecloth.terms.protocol import At, BoundTerm, taken_from
 from fecloth.terms.traits import BENDING, BOTH
 
@@ -188,6 +189,38 @@ class BoundPlate(BoundTerm):
         self.plate.add_products(g, g, wx, J)
         if not definite:
             self.plate.add_curvatures(x, t, self.plate.stiffness @ (mu - self.rest), wx, J)
+
+    def tangent_calls(self, x, v, t, wx, wv, J, definite) -> Calls | None:
+        plate = self.plate
+        if plate.moved is not None:
+            return None
+        mu, g = plate.gradients(x, t)  # arrays that the first call fills anew each time
+        calls = [plate.gradient_call(x, t, mu, g), plate.products_call(g, g, wx, J)]
+        if definite:
+            return calls
+        moment = np.empty_like(mu)
+        return [
+            *calls,
+            (subtract, (self.rest, mu)),
+            plate.moments_call(mu, moment),
+            plate.curvatures_call(x, t, moment, wx, J),
+        ]
+
+    def energy_calls(self, x, t, sums) -> Calls | None:
+        plate = self.plate
+        if plate.moved is not None or plate.loop.counted is not None:
+            return None
+        mu = plate.measures(x, t)
+        moment = np.empty_like(mu)
+        energy = sums[:1]
+        return [
+            (clear, (mu,)),  # `measures_call` adds to it
+            plate.measures_call(x, t, mu),
+            (subtract, (self.rest, mu)),
+            plate.moments_call(mu, moment),
+            ValuedCall(plate_loops.sum_products, (mu, moment), energy),
+            (scale, (0.5, energy)),
+        ]
 
     def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
         """(m,) energy [J] of the change that recovery makes of the curvature, by triangle."""

@@ -8,10 +8,10 @@ from typing import Any, Self
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled.calls import Call, SharedCall
+from fecloth.compiled.calls import Call, Present, SharedCall
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.linalg.block_matrix import FindSlots
+from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.plate_stiffness import panel_plate
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
@@ -215,14 +215,25 @@ class PlateAngles:
     def measures(self, x: np.ndarray, t: float) -> np.ndarray:
         """μ (h,)."""
         mu = np.zeros(len(self.nodes))
+        self.loop.each(partial(self._measures, x, t, mu))
+        return mu
+
+    def _measures(self, x: np.ndarray, t: float, mu: np.ndarray, part: slice) -> Call:
         nodes, held, first = self.at(t)
+        own = nodes[part], held, first - part.start, x, 1.0, mu[part]
+        return plate_loops.add_measures, own
+
+    def measures_call(self, x: np.ndarray, t: float, mu: np.ndarray) -> SharedCall:
+        return self.loop.shared_each(partial(self._measures, x, t, mu))
+
+    def moments_call(self, change: np.ndarray, moment: np.ndarray) -> SharedCall:
+        """The call that writes m = Q change (h,) [N m] to `moment`."""
 
         def call(part: slice) -> Call:
-            own = nodes[part], held, first - part.start, x, 1.0, mu[part]
-            return plate_loops.add_measures, own
+            row = pointers(self.stiffness, part), self.stiffness.indices, self.stiffness.data
+            return plate_loops.fill_moments, (*row, change, moment[part])
 
-        self.loop.each(call)
-        return mu
+        return self.loop.shared_each(call)
 
     def gradients(self, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """μ (h,) and ∂μ/∂x (h, 4, 3)."""
@@ -279,32 +290,55 @@ class PlateAngles:
 
         `entries`, in the order of the entries of Q, are taken in their place.
         """
+        self.loop.add_blocks(partial(self._products, left, right, scale, entries), J)
+
+    def products_call(
+        self, left: np.ndarray, right: np.ndarray, scale: float | Present, J: BlockMatrix
+    ) -> SharedCall:
+        return self.loop.shared_add_blocks(partial(self._products, left, right, scale, None), J)
+
+    def _products(
+        self,
+        left: np.ndarray,
+        right: np.ndarray,
+        scale: float | Present,
+        entries: Any,
+        part: slice,
+        blocks: np.ndarray,
+    ) -> Call:
         Q = self.stiffness
         rows = self.rows
-        values = Q.data if entries is None else entries
-
-        def call(part: slice, blocks: np.ndarray) -> Call:
-            of_Q = pointers(Q, part), Q.indices, values
-            of_rows = rows.place, rows.start[part], rows.width[part], rows.slots
-            work = np.empty(3 * rows.width.max(initial=0))  # 3 for each node of the widest row
-            arguments = *of_Q, *of_rows, left[part], right, scale, work, blocks
-            return plate_loops.add_products, arguments
-
-        self.loop.add_blocks(call, J)
+        of_Q = pointers(Q, part), Q.indices, Q.data if entries is None else entries
+        of_rows = rows.place, rows.start[part], rows.width[part], rows.slots
+        work = np.empty(3 * rows.width.max(initial=0))  # 3 for each node of the widest row
+        arguments = *of_Q, *of_rows, left[part], right, scale, work, blocks
+        return plate_loops.add_products, arguments
 
     def add_curvatures(self, x: np.ndarray, t: float, moment: np.ndarray, scale: float, J) -> None:
         """J += scale Σ m ∂²μ/∂x∂x at x and t, for the moments m (h,) = `moment` [N m]."""
+        self.loop.add_blocks(partial(self._curvatures, x, t, moment, scale), J)
+
+    def curvatures_call(
+        self, x: np.ndarray, t: float, moment: np.ndarray, scale: float | Present, J: BlockMatrix
+    ) -> SharedCall:
+        return self.loop.shared_add_blocks(partial(self._curvatures, x, t, moment, scale), J)
+
+    def _curvatures(
+        self,
+        x: np.ndarray,
+        t: float,
+        moment: np.ndarray,
+        scale: float | Present,
+        part: slice,
+        values: np.ndarray,
+    ) -> Call:
         rows = self.rows
         nodes, held, first = self.at(t)
-
-        def call(part: slice, values: np.ndarray) -> Call:
-            # The clamped edges begin at `first`; the kernel counts from the begin of the part.
-            of_hinges = nodes[part], held, first - part.start, x
-            of_rows = rows.place, *cut((rows.own, rows.start, rows.width), part), rows.slots
-            arguments = *of_hinges, *of_rows, moment[part], scale, values
-            return plate_loops.add_curvatures, arguments
-
-        self.loop.add_blocks(call, J)
+        # The clamped edges begin at `first`; the kernel counts from the begin of the part.
+        of_hinges = nodes[part], held, first - part.start, x
+        of_rows = rows.place, *cut((rows.own, rows.start, rows.width), part), rows.slots
+        arguments = *of_hinges, *of_rows, moment[part], scale, values
+        return plate_loops.add_curvatures, arguments
 
     def work_of_clamps(
         self, old: At, new: At, stages: Sequence[At], moments: Callable[[np.ndarray], np.ndarray]

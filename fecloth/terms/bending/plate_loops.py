@@ -16,7 +16,7 @@ edges, whose fourth node is `ghosts[e − first]`.
 
 import numpy as np
 
-from fecloth.compiled.jit import inner, kernel
+from fecloth.compiled.jit import inner, kernel, rounded_kernel
 from fecloth.linalg.block_matrix import find_sorted
 from fecloth.terms.bending.dihedral_angle import (
     angle,
@@ -108,6 +108,16 @@ def row_product(indptr, indices, Q, e, change):
     for s in range(last, end):
         m0 += Q[s] * change[np.uintp(indices[s])]
     return (m0 + m1) + (m2 + m3)
+
+
+@rounded_kernel
+def fill_moments(indptr, indices, Q, change, moment):
+    """moment (h,) = Q change, with the sums of SciPy's product."""
+    for e in range(len(moment)):
+        total = 0.0
+        for s in range(indptr[e], indptr[e + 1]):
+            total += Q[s] * change[indices[s]]
+        moment[e] = total
 
 
 @kernel

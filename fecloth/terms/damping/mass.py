@@ -89,6 +89,9 @@ class BoundMassDamping(BoundTerm):
         """J += wv α m_a I."""
         add_diagonal(J.pattern.diagonal, wv, self.coefficient, J.values)
 
+    def tangent_calls(self, x, v, t, wx, wv, J, definite) -> Calls:
+        return [(add_diagonal, (J.pattern.diagonal, wv, self.coefficient, J.values))]
+
 
 @dataclass(frozen=True, eq=False)
 class BoundConsistentMassDamping(BoundTerm):

@@ -199,6 +199,12 @@ class BoundStrainRate(BoundTerm):
         If `definite`, the negative principal values of S_v are raised to zero, and the
         non-symmetric part is left out.
         """
+        self.loop.add_blocks(self._tangent(x, v, wx, wv, definite), J)
+
+    def tangent_calls(self, x, v, t, wx, wv, J, definite) -> Calls:
+        return [self.loop.shared_add_blocks(self._tangent(x, v, wx, wv, definite), J)]
+
+    def _tangent(self, x, v, wx, wv, definite) -> Callable[..., Call]:
         nodes, A, w, moduli, rest = self.elements
         arrays: tuple[Array, ...] = (nodes, self.loop.slots, A, w, moduli, rest)
         shape = self.strain.shape
@@ -206,14 +212,12 @@ class BoundStrainRate(BoundTerm):
             add = self.kernels.add_definite_tangent
             # This kernel takes more arrays, before the rest strain.
             arrays = (*arrays[:-1], *self.strain.definite_arrays, rest)
-            call = by_part(add, shape, arrays, x, v, wx, wv)
-        elif self.symmetric:
-            call = by_part(self.kernels.add_tangent, shape, arrays, x, v, wx, wv)
-        else:
-            # This kernel takes v twice, for Ė and for Ḟ in B(Ḟ), and three weights: of the part
-            # with S_v, of Bᵀ τℂ₀ B, and of the part that is not symmetric.
-            call = by_part(self.kernels.add_mixed_tangent, shape, arrays, x, v, v, wx, wv, wx)
-        self.loop.add_blocks(call, J)
+            return by_part(add, shape, arrays, x, v, wx, wv)
+        if self.symmetric:
+            return by_part(self.kernels.add_tangent, shape, arrays, x, v, wx, wv)
+        # This kernel takes v twice, for Ė and for Ḟ in B(Ḟ), and three weights: of the part with
+        # S_v, of Bᵀ τℂ₀ B, and of the part that is not symmetric.
+        return by_part(self.kernels.add_mixed_tangent, shape, arrays, x, v, v, wx, wv, wx)
 
     def nbytes(self, explicit: bool) -> int:
         return self.strain.nbytes
@@ -234,6 +238,14 @@ class StrainRateOverStep(BoundTerm):
     energy = taken_from("membrane.energy")
     add_force = taken_from("membrane.add_force")
     add_tangent = taken_from("membrane.add_tangent")
+    energy_calls = taken_from("membrane.energy_calls")
+    force_calls = taken_from("membrane.force_calls")
+    tangent_calls = taken_from("membrane.tangent_calls")
+
+    @property
+    def step_arrays(self) -> tuple[Array, ...]:
+        """The moduli and the strain at rest of the membrane."""
+        return self.membrane.constants, self.membrane.strain.rest
 
     @cached_property
     def membrane(self) -> BoundMembrane:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fecloth.compiled.calls import Call, Calls
+from fecloth.compiled.calls import Call, Calls, Present
 from fecloth.compiled.jit import Array, Zeros, specialise
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
@@ -144,8 +144,21 @@ class BoundCondition(BoundTerm):
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """½ Σ Cᵀ k_s C [J]."""
-        arrays = self.nodes, self.table(x, t, 0), self.stiffness
-        return self.loop.total(by_part(self.kernels.energy, self.shape, arrays, x))
+        return self.loop.total(self._energy(self.table(x, t, 0), x))
+
+    def _energy(self, table: Array, x: Array) -> Callable[..., Call]:
+        arrays = self.nodes, table, self.stiffness
+        return by_part(self.kernels.energy, self.shape, arrays, x)
+
+    def energy_calls(self, x: Array, t: Array, sums: Array) -> Calls | None:
+        if self._has_table or self.loop.counted is not None:
+            return None
+        return self.loop.total_calls(self._energy(self.constants, x), sums)
+
+    @property
+    def _has_table(self) -> bool:
+        """Whether it makes the constants in Python."""
+        return type(self).table is not BoundCondition.table
 
     def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
         """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
@@ -160,9 +173,11 @@ class BoundCondition(BoundTerm):
         """f_a −= ∂C_a (k_s C + k_d Ċ) [N]."""
         self.loop.add(self._force(self.table(x, t, 1), x, v), f)
 
-    def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
-        if type(self).table is not BoundCondition.table:
-            return None  # it makes the constants in Python
+    def force_calls(
+        self, x: np.ndarray, v: np.ndarray, t: np.ndarray, f: np.ndarray
+    ) -> Calls | None:
+        if self._has_table:
+            return None
         return [self.loop.shared_add(self._force(self.constants, x, v), f)]
 
     def add_tangent(
@@ -172,22 +187,31 @@ class BoundCondition(BoundTerm):
 
         `definite` keeps only positive semi-definite parts, as the head of that module says.
         """
-        arrays = self.nodes, self.loop.slots, self.table(x, t, 2), self.stiffness, self.damping
+        call = self._tangent(self.table(x, t, 2), x, v, float(wx), float(wv), definite)
+        self.loop.add_blocks(call, J)
+
+    def tangent_calls(
+        self, x: Array, v: Array, t: Array, wx: Present, wv: Present, J: BlockMatrix, definite: bool
+    ) -> Calls | None:
+        if self._has_table:
+            return None
+        call = self._tangent(self.constants, x, v, wx, wv, definite)
+        return [self.loop.shared_add_blocks(call, J)]
+
+    def _tangent(
+        self,
+        table: Array,
+        x: Array,
+        v: Array,
+        wx: float | Present,
+        wv: float | Present,
+        definite: bool,
+    ) -> Callable[..., Call]:
+        arrays = self.nodes, self.loop.slots, table, self.stiffness, self.damping
         geometric = self.hessian == "exact"
         mixed = not self.symmetric and not definite  # the part of (12) that is not symmetric
-        call = by_part(
-            self.kernels.add_tangent,
-            self.shape,
-            arrays,
-            x,
-            v,
-            float(wx),
-            float(wv),
-            geometric,
-            definite,
-            mixed,
-        )
-        self.loop.add_blocks(call, J)
+        others = x, v, wx, wv, geometric, definite, mixed
+        return by_part(self.kernels.add_tangent, self.shape, arrays, *others)
 
 
 @dataclass(frozen=True, eq=False)

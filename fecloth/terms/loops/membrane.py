@@ -35,7 +35,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from fecloth.compiled.calls import Call, Calls
+from fecloth.compiled.calls import Call, Calls, Present
 from fecloth.compiled.jit import Array
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
@@ -132,10 +132,17 @@ class BoundMembrane(BoundTerm):
         """What every entry point takes first."""
         return *self.strain.shape, *self.elements
 
+    def _energy(self, x: Array) -> Callable[..., Call]:
+        return by_part(self.kernels.energy, self.strain.shape, self.elements, x, x)
+
     def energy(self, x: np.ndarray, t: float) -> float:
         """Σ w W [J]."""
-        energy = self.kernels.energy
-        return self.loop.total(by_part(energy, self.strain.shape, self.elements, x, x))
+        return self.loop.total(self._energy(x))
+
+    def energy_calls(self, x: Array, t: Array, sums: Array) -> Calls | None:
+        if self.loop.counted is not None:
+            return None
+        return self.loop.total_calls(self._energy(x), sums)
 
     def _force(self, x: Array) -> Callable[..., Call]:
         return by_part(self.kernels.add_force, self.strain.shape, self.elements, x, x)
@@ -144,30 +151,38 @@ class BoundMembrane(BoundTerm):
         """f −= Σ w S : ∂E/∂x [N]."""
         self.loop.add(self._force(x), f)
 
-    def force_calls(self, x: Array, v: Array, t: float, f: Array) -> Calls:
+    def force_calls(self, x: Array, v: Array, t: Array, f: Array) -> Calls:
         return [self.loop.shared_add(self._force(x), f)]
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
         """J += wx K; `definite` raises the stress of the geometric part to zero."""
+        self.loop.add_blocks(self._tangent(x, wx, definite), J)
+
+    def tangent_calls(
+        self, x: Array, v: Array, t: Array, wx: Present, wv: Present, J: BlockMatrix, definite: bool
+    ) -> Calls:
+        return [self.loop.shared_add_blocks(self._tangent(x, wx, definite), J)]
+
+    def _tangent(self, x: Array, wx: float | Present, definite: bool) -> Callable[..., Call]:
         if definite:
             add = self.kernels.add_definite_tangent
-            self._add_blocks(add, (x, x, wx, wx), J, more=self.strain.definite_arrays)
-        else:
-            self._add_blocks(self.kernels.add_tangent, (x, x, wx, wx), J)
+            return self._blocks(add, (x, x, wx, wx), more=self.strain.definite_arrays)
+        return self._blocks(self.kernels.add_tangent, (x, x, wx, wx))
 
     def add_mixed_tangent(self, x: Array, v: Array, scale: float, J: BlockMatrix) -> None:
         """J += scale Σ w (∂E/∂x : ℂ : ∂E/∂x at x + v + S : ∂²E/∂x²), which is not symmetric."""
-        self._add_blocks(self.kernels.add_mixed_tangent, (x, x, v, scale, scale, scale), J)
+        add = self.kernels.add_mixed_tangent
+        self.loop.add_blocks(self._blocks(add, (x, x, v, scale, scale, scale)), J)
 
-    def _add_blocks(
-        self, add: Any, others: tuple[Any, ...], J: BlockMatrix, more: tuple[Array, ...] = ()
-    ) -> None:
-        """Add what an entry point adds to J; `more` are arrays with a row for each triangle."""
+    def _blocks(
+        self, add: Any, others: tuple[Any, ...], more: tuple[Array, ...] = ()
+    ) -> Callable[..., Call]:
+        """The calls of an entry point; `more` are arrays with a row for each triangle."""
         nodes, A, w, c, rest = self.elements
         arrays = nodes, self.loop.slots, A, w, c, *more, rest
-        self.loop.add_blocks(by_part(add, self.strain.shape, arrays, *others), J)
+        return by_part(add, self.strain.shape, arrays, *others)
 
     def add_stress(self, x: Array, out: Array) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""

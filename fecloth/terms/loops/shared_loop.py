@@ -11,11 +11,12 @@ own nodes are copied.
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
 
-from fecloth.compiled.calls import Call, SharedCall
+from fecloth.compiled.calls import Call, Calls, SharedCall, ValuedCall
 from fecloth.compiled.jit import Array, kernel
 from fecloth.compiled.team import SMALLEST_SHARED_LOOP, Team
 from fecloth.fabric.panel import Panel
@@ -167,19 +168,39 @@ class SharedLoop:
             yield call(piece.span, work)
             yield copy_rows, (rows, work, target)
 
-    def shared_add(self, call: CallOf, target: np.ndarray) -> SharedCall:
-        """What `add` calls, for `fused_steps`."""
+    def shared_add(
+        self, call: CallOf, target: np.ndarray, indptr: np.ndarray | None = None
+    ) -> SharedCall:
+        """What `add` calls, for joined calls; with `indptr` as `_share` explains it."""
         whole = call(self.whole, target)
 
         def of_thread(p: int) -> list[Call]:
             if self.parts is None:
                 return [whole] if p == 0 else []
-            return list(self._calls(p, call, target, None))
+            return list(self._calls(p, call, target, indptr))
 
         return SharedCall(*whole, of_thread)
 
+    def shared_add_blocks(self, call: CallOf, J: BlockMatrix) -> SharedCall:
+        """What `add_blocks` calls, for joined calls."""
+        return self.shared_add(call, J.values, J.pattern.indptr)
+
+    def total_calls(self, call: Callable[[slice], Call], sums: np.ndarray) -> Calls:
+        """Calls that write the parts of `total` to `sums` (SUM_BLOCKS,), or its only part."""
+        spans = self.spans_of_sums
+        return [ValuedCall(*call(span), sums[part : part + 1]) for part, span in enumerate(spans)]
+
+    @property
+    def spans_of_sums(self) -> list[slice]:
+        """The ranges of elements of the partial sums of `total`: one where they are few."""
+        m = len(self.nodes)
+        if m < SUM_BLOCKS * SMALLEST_SHARED_LOOP:
+            return [self.whole]
+        ends = [part * m // SUM_BLOCKS for part in range(SUM_BLOCKS + 1)]
+        return [slice(begin, end) for begin, end in pairwise(ends)]
+
     def shared_each(self, call: Callable[[slice], Call]) -> SharedCall:
-        """What `each` calls, for `fused_steps`."""
+        """What `each` calls, for joined calls."""
         return SharedCall(
             *call(self.whole), lambda p: [call(self.team.share_of(p, len(self.nodes)))]
         )
@@ -211,18 +232,17 @@ class SharedLoop:
         if self.counted is not None:  # a part of a cloth, in one of several processes
             calls = [call(run) for run in self.runs]
             return float(sum(function(*arguments) for function, arguments in calls))
-        m = len(self.nodes)
         threads = self.team.count
         function, arguments = call(self.whole)
-        if m < SUM_BLOCKS * SMALLEST_SHARED_LOOP:
+        spans = self.spans_of_sums
+        if len(spans) == 1:
             return float(function(*arguments))
         sums = [0.0] * SUM_BLOCKS
 
         def fill_sums(first: int, step: int) -> None:
             """Compute the partial sums first, first + step, first + 2 step …"""
             for block in range(first, SUM_BLOCKS, step):
-                span = slice(block * m // SUM_BLOCKS, (block + 1) * m // SUM_BLOCKS)
-                _, arguments_of_block = call(span)
+                _, arguments_of_block = call(spans[block])
                 sums[block] = function(*arguments_of_block)
 
         self.team.do(
