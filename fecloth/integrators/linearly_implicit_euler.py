@@ -16,8 +16,8 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 
-# Relative residual of the linear equation with the tolerance "auto". Where small errors do not grow,
-# it leaves errors below 1e-5 of the motion, a thousandth of the method's own error in time.
+# Relative residual of the linear equation with the tolerance "auto". Where small errors do not
+# grow, it leaves errors below 1e-5 of the motion, a thousandth of the method's own error in time.
 RESIDUAL_OF_AUTO = 1e-4
 
 
