@@ -9,11 +9,16 @@ from fecloth.errors import IndefiniteMatrix
 from fecloth.integrators.one_stage import BackwardEuler, StageMethod
 from fecloth.integrators.step import UNCOUNTED, Begin, OpensSteps, Solution, Step, arrive
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.low_rank_update import solve_updated
+from fecloth.linalg.low_rank_update import Updates, solve_updated
+from fecloth.linalg.protocol import remainder
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+
+# Relative residual of the linear equation with the tolerance "auto". Where small errors do not
+# grow, it leaves errors below 1e-5 of the motion, a thousandth of the method's own error in time.
+RESIDUAL_OF_AUTO = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,18 +61,26 @@ class LinearOpening:
         Return it (n, 3) [N]. In M Δv and in K (v₀ + Δv) the Δv of the held directions differ:
         see `inertial` and `held`. K includes the parts of low rank c u uᵀ, `System.dense`.
         """
+        matrix = BlockMatrix.zeros(self.over.pattern, self.over.team)
+        return self.residual_by(self.assemble(matrix), q, self.over.dense(self.begin))
+
+    def assemble(self, J: BlockMatrix) -> BlockMatrix:
+        """Write dt K + D at the begin of the step to J, without parts of low rank; return J."""
+        return self.over.assemble(J, self.begin, wx=self.dt, wv=1.0, definite=self.definite)
+
+    def residual_by(self, A: BlockMatrix, q: np.ndarray, dense: Updates) -> np.ndarray:
+        """R(q) as `residual`, with A = dt K + D and the parts of low rank of K."""
         system = self.over
         begin = self.begin
         v = begin.v + (q + self.held)
         a = (q + self.inertial) / self.dt
-        dt_K = BlockMatrix.zeros(system.pattern)
-        system.assemble(dt_K, begin, wx=self.dt, definite=self.definite)
-        R = system.scalar_mass @ a - system.force(begin) + dt_K @ v
-        D = system.assemble(dt_K, begin, wv=1.0, definite=self.definite)  # in the same matrix
-        R += D @ (v - begin.v)
-        for c, u in system.dense(begin):
-            R += self.dt * c * system.sums.dot(u, v) * u
-        free: np.ndarray = system.constraints.project(R)
+        f = system.force(begin) - system.mass_times(a)
+        if any(term.velocity_dependent for term in system.bound):  # A v has D v₀ + D Δv
+            D = BlockMatrix.zeros(system.pattern, system.team)
+            f += system.assemble(D, begin, wv=1.0, definite=self.definite) @ begin.v
+        for c, u in dense:
+            f -= self.dt * c * system.sums.dot(u, v) * u
+        free: np.ndarray = system.constraints.project(-remainder(A, f, v))
         return free
 
     def tangent(self, q: np.ndarray, J: BlockMatrix) -> BlockMatrix:
@@ -75,10 +88,12 @@ class LinearOpening:
 
         It is along the free directions, without parts of low rank, and does not depend on q.
         """
+        return self.complete(self.assemble(J))
+
+    def complete(self, J: BlockMatrix) -> BlockMatrix:
+        """Add M/dt to J = dt K + D, in place, along the free directions; return J."""
         system = self.over
-        dt = self.dt
-        system.assemble(J, self.begin, wx=dt, wv=1.0, wa=1.0 / dt, definite=self.definite)
-        return system.project(J)
+        return system.project(system.add_tangents(J, self.begin, wa=1.0 / self.dt))
 
 
 @dataclass(frozen=True)
@@ -160,11 +175,10 @@ def _velocity_change(opening: LinearOpening, solver: SolverContext) -> tuple[np.
     system = opening.over
     begin = opening.begin
     dt = opening.dt
-    definite = opening.definite
     linear, J = solver.matrix_solver()
-    q = np.zeros_like(begin.v)
-    b = -opening.residual(q)
-    opening.tangent(q, J)
+    dense = system.dense(begin)
+    b = -opening.residual_by(opening.assemble(J), np.zeros_like(begin.v), dense)
+    opening.complete(J)
     seconds = {"assemble": time.perf_counter() - began}
     solver.begin(dt, 1.0 / dt, begin.x)
     linear.prepare(J)
@@ -172,15 +186,17 @@ def _velocity_change(opening: LinearOpening, solver: SolverContext) -> tuple[np.
     guess = opening.guess
     if guess is not None:
         guess = project(guess.copy())
-    updates = [(dt * c, project(u)) for c, u in system.dense(begin)]
-    free, infos = solve_updated(linear, updates, b, rtol=solver.options.residual, guess=guess)
+    updates = [(dt * c, project(u)) for c, u in dense]
+    options = solver.options
+    rtol = RESIDUAL_OF_AUTO if options.tolerance == "auto" else options.tolerance
+    free, infos = solve_updated(linear, updates, b, rtol, guess)
     seconds["factor"] = infos[0].seconds_factor
     seconds["solve"] = sum(info.seconds_solve for info in infos)
     iterations = sum(info.iterations for info in infos)
     return free, Counts(
         newton=1,
         linear=iterations,
-        modified=int(definite),
+        modified=int(opening.definite),
         factorisations=1,
         residual=infos[0].residual,
         seconds=seconds,

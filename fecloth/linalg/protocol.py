@@ -143,6 +143,13 @@ def relative_residual(
     return float(np.sqrt(sums.sum() / bb))
 
 
+def remainder(A: BlockMatrix, b: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """b − A x, (n, 3)."""
+    r = np.empty_like(b)
+    relative_residual(A, b, 1.0, x, r)
+    return r
+
+
 @kernel
 def residual(A: BlockRows, b: Array, x: Array, r: Array, sums: Array, begin: int, end: int) -> None:
     """r = b − A x in rows begin … end − 1; writes ‖r‖² of each block of rows to `sums`."""

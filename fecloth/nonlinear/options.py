@@ -24,7 +24,8 @@ class Newton:
     iteration when the error left in x and dt v is estimated at less than a tenth of the step's
     own error in time. `fecloth.nonlinear.error_left.ErrorLeft` estimates the first error,
     `fecloth.simulation.step_history.StepHistory` the second. The first steps, and all steps of
-    energy–momentum, end at the residual 1e-6.
+    energy–momentum, end at the residual 1e-6. `LinearlyImplicitEuler` has no iteration: its
+    linear equation is solved to the relative residual 1e-4.
 
     If round-off keeps the residual above the tolerance, the step is accepted. It then counts as
     `limited`, and the run warns, unless the forces themselves are round-off.

@@ -180,12 +180,12 @@ class TrialRun:
         records = self.system.start_history(state)
         while state.t < self.t_end:
             context = solver
-            if solver and needs_history(solver):
+            if solver and needs_history(solver, method.traits):
                 context = history.inform(solver, self.system, method.traits, state)
             horizon = self.t_end - state.t
             step = method.step(self.system, state, horizon, context, memory, records)
             yield state, step
-            if needs_history(solver):
+            if needs_history(solver, method.traits):
                 history = history.after(self.system, method.traits, state, step.state)
             state = step.state
             memory = step.memory

@@ -67,8 +67,8 @@ class StepHistory:
         return replace(solver, step_error=self.error(system, traits, state))
 
 
-def needs_history(solver: SolverContext | None) -> bool:
+def needs_history(solver: SolverContext | None, traits: MethodTraits) -> bool:
     """Return whether steps with this solver end Newton's iteration by their error in time."""
     if solver is None or solver.linear is None:
         return False
-    return solver.options.tolerance == "auto"
+    return traits.solves and solver.options.tolerance == "auto"

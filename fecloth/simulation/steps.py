@@ -201,7 +201,7 @@ def take(plan: Plan, place: Place, known: Step | None = None) -> tuple[Place, St
     if problem:
         raise step_failed(plan.system, place.checked, number, new.t - old.t, problem)
     history = before.history
-    if needs_history(plan.solver):
+    if needs_history(plan.solver, plan.method.traits):
         history = history.after(plan.system, plan.method.traits, old, new)
     memory = Memory(number, before.start, result.memory, history, result.history)
     if new is not result.state:
@@ -217,7 +217,7 @@ def _solve(plan: Plan, place: Place, horizon: float) -> Step:
     state = place.state
     memory = place.memory
     solver = plan.solver
-    if needs_history(solver):
+    if needs_history(solver, plan.method.traits):
         solver = memory.history.inform(solver, plan.system, plan.method.traits, state)
     try:
         return protocol.take_step(

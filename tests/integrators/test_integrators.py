@@ -171,6 +171,25 @@ def test_linearised_step_starts_from_the_last_change(isotropic):
     assert warm < 0.95 * cold
 
 
+def test_the_linear_equation_is_solved_to_its_tolerance(isotropic):
+    """Its error with "auto" is small beside the method's own error in time."""
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.02)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+
+    def run(method, dt, tolerance):
+        newton = fc.Newton(tolerance=tolerance)
+        start = taut_start(system)
+        steps = list(fc.march(system, method, start, dt, 0.02, solver="pcg", newton=newton))
+        return steps[-1][0].x, max(info.counts.residual for _, info in steps)
+
+    loose, residual = run(fc.LinearlyImplicitEuler(), 1e-3, "auto")
+    assert 1e-5 < residual <= 1e-4
+    tight, residual = run(fc.LinearlyImplicitEuler(), 1e-3, 1e-9)
+    assert residual <= 1e-9
+    exact, _ = run(fc.ImplicitMidpoint(), 1e-4, 1e-8)
+    assert np.linalg.norm(loose - tight) < 2e-3 * np.linalg.norm(tight - exact)
+
+
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.EnergyMomentum(), fc.GeneralizedAlpha()])
 def test_methods_conserve_their_invariants_on_quadratic_triangles(quadratic, orthotropic, method):
     """All conserve momentum; energy–momentum also energy and angular momentum."""

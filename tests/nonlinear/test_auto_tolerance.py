@@ -13,7 +13,7 @@ from fecloth.nonlinear.error_left import ALLOWED_OF_CONTACT_FORCES, ErrorInPlace
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.progress import Pause, Progress
 from fecloth.nonlinear.steps import Steps
-from fecloth.simulation.step_history import StepHistory
+from fecloth.simulation.step_history import StepHistory, needs_history
 
 SHARP = fc.Newton(tolerance=1e-11)
 METHODS = {
@@ -305,3 +305,19 @@ def test_whole_steps_that_helped_end_the_longer_pauses():
 
 def test_no_step_is_longer_than_the_cloth():
     assert explored(explorer(0.5, longest=0.5)) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("method", "tolerance", "needs"),
+    [
+        (fc.BackwardEuler(), "auto", True),
+        (fc.BackwardEuler(), 1e-6, False),
+        (fc.LinearlyImplicitEuler(), "auto", False),  # it has no iteration that could end
+    ],
+)
+def test_the_error_in_time_is_estimated_where_an_iteration_ends_by_it(
+    hanging, method, tolerance, needs
+):
+    newton = fc.Newton(tolerance=tolerance)
+    context, _ = fc.solver_for(hanging, method, 1e-3, "pcg", newton)
+    assert needs_history(context, method.traits) == needs

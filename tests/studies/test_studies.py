@@ -44,6 +44,8 @@ def run_here(monkeypatch, capsys):
     [
         ("evidence.benchmarks.terms", "StVK"),
         ("evidence.benchmarks.threads", "explicit step"),
+        ("evidence.benchmarks.commands", "hanging_strip"),
+        ("evidence.benchmarks.pace", "LinearlyImplicitEuler"),
         ("convergence.space_error", "outside 0.5 … 2.0: 0 <= 0: met"),
         ("evidence.convergence.catalogue", "share of problems that are covered: 1 >= 0.95: met"),
         ("evidence.newton_catalogue.statics", "problems that are not solved: 0 <= 0: met"),
