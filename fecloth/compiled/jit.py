@@ -82,8 +82,7 @@ def kernel(function: Callable[..., Result]) -> Callable[..., Result]:
     outside the package is compiled anew when its bytecode, its constants or its callees
     change.
     """
-    is_own = str(function.__module__).partition(".")[0] == __name__.partition(".")[0]
-    if is_own:
+    if _is_own(function.__module__):
         return _compile(function)
     return _compile_by_content(function)
 
@@ -238,7 +237,10 @@ def _content(value: Any, seen: dict[int, int], attributes: tuple[str, ...]) -> t
         options = sorted(value.targetoptions.items())
         return kind, _content(options, seen, ()), _function_content(value.py_func, seen)
     if isinstance(value, _Intrinsic):
-        return kind, _function_content(value._defn, seen)
+        generator = value._defn
+        if _is_own(generator.__module__):  # the name of the folder depends on its source
+            return kind, generator.__module__, generator.__qualname__
+        return kind, _function_content(generator, seen)
     if isinstance(value, tuple | list):
         return kind, *(_content(item, seen, attributes) for item in value)
     if isinstance(value, set | frozenset):
@@ -286,6 +288,11 @@ def _describe_code(code: CodeType) -> tuple[tuple, tuple[str, ...], tuple[str, .
         global_names.update(inner_globals)
         used_names.update(inner_used)
     return tuple(described), tuple(sorted(global_names)), tuple(sorted(used_names))
+
+
+def _is_own(module: str | None) -> bool:
+    """Whether a module belongs to this package."""
+    return str(module).partition(".")[0] == __name__.partition(".")[0]
 
 
 def _is_of_library(module: str) -> bool:

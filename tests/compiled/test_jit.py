@@ -29,8 +29,10 @@ c = np.broadcast_to([100.0, 100.0, 50.0, 0.0, 0.0, 0.0], (1, 6))
 x = np.array([[0.0, 0.0, 0.0], [1.5, 0.0, 0.0], [0.0, 1.0, 0.0]])
 energy = stvk.KERNELS.energy(K, Q, nodes, G, np.array([[0.5]]), c, np.zeros((1, 1, 3)), x, x)
 pattern = blocks.BlockPattern.union(3, [nodes])
-stats = [kernel.stats for kernel in (stvk.KERNELS.energy, blocks._find_slots)]
-pattern.slots(nodes)
+kernels = stvk.KERNELS.energy, stvk.KERNELS.add_tangent, blocks._find_slots
+stats = [kernel.stats for kernel in kernels]
+of_element = nodes, pattern.slots(nodes), G, np.array([[0.5]]), c, np.zeros((1, 1, 3))
+stvk.KERNELS.add_tangent(K, Q, *of_element, x, x, 1.0, 1.0, np.zeros((9, 3, 3)))
 print(json.dumps({
     "energy": energy,
     "hits": [sum(s.cache_hits.values()) for s in stats],
