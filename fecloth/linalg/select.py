@@ -33,7 +33,7 @@ from fecloth.linalg.protocol import SolveInfo, check_arguments
 from fecloth.validation import known
 
 # Cycles of a solve with multigrid, as an estimate.
-CYCLES = 6
+CYCLES = 10
 # New factors for each solve with a direct solver, as an estimate.
 FACTORS_PER_SOLVE = 0.4
 # The first set-up of a solver is spread over so many solves at least.
