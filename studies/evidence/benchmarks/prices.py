@@ -16,14 +16,15 @@ all of the matrices. Measure again after a change of a kernel of `fecloth.linalg
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import numpy as np
 
 import fecloth as fc
-from fecloth.linalg import mkl_pardiso, multigrid
+from fecloth.linalg import multigrid
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import Pardiso, SuperLU
 from fecloth.linalg.multigrid import Multigrid
@@ -36,11 +37,22 @@ FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
 DT = 5e-3
 BLOCKS = 16_000, 350_000
 TRIANGLES_PER_BLOCK = {"membrane": 2 / 7, "plate": 2 / 22}
-ITERATIONS = 20
+LOADING = """
+import time, scipy.sparse
+from fecloth.linalg import mkl_pardiso
+begin = time.process_time()
+mkl_pardiso.routine()
+print(time.process_time() - begin)
+"""
 
 
 def cpu(call: Callable[[], object], least: float = 0.5, most: int = 1000) -> float:
-    """CPU seconds of a call, the least of up to `most` calls in `least` seconds, 2 if longer."""
+    """CPU seconds of a call, the least of the calls in `least` seconds, of at most `most`.
+
+    Unless it is called once, the first call only compiles.
+    """
+    if most > 1:
+        call()
     best, begin = math.inf, time.process_time()
     for _ in range(most):
         before = time.process_time()
@@ -80,14 +92,9 @@ def iterative(A: BlockMatrix, b: np.ndarray, x: np.ndarray) -> Iterator[tuple[st
     """The CPU seconds of conjugate gradients and of multigrid."""
 
     def iterate(solver: PCG) -> float:
-        solver.max_iterations = ITERATIONS
-        return cpu(lambda: run(solver)) / ITERATIONS
-
-    def run(solver: PCG) -> None:
-        try:
-            solver.solve(b, rtol=1e-300)
-        except fc.errors.SolveFailed:  # out of iterations, as is intended
-            pass
+        """The seconds of a solve over its iterations."""
+        _, info = solver.solve(b, fc.Newton().forcing)
+        return cpu(lambda: solver.solve(b, fc.Newton().forcing)) / info.iterations
 
     pcg = PCG()
     pcg.prepare(A)
@@ -101,7 +108,6 @@ def iterative(A: BlockMatrix, b: np.ndarray, x: np.ndarray) -> Iterator[tuple[st
         solver.begin(1.0, 1.0, x)
         solver.prepare(A)
 
-    rebuild()
     coarse = cpu(rebuild, most=5)
     refill = cpu(lambda: solver.prepare(A))
     yield "refill", refill
@@ -112,9 +118,9 @@ def iterative(A: BlockMatrix, b: np.ndarray, x: np.ndarray) -> Iterator[tuple[st
 def direct(A: BlockMatrix, b: np.ndarray) -> Iterator[tuple[str, float]]:
     """The CPU seconds of PARDISO and SuperLU, and the entries of their factors."""
     for solver in (Pardiso(), SuperLU()):
-        first = cpu(lambda s=solver: s.prepare(A), most=1)
-        factor = cpu(lambda s=solver: s.prepare(A), most=20)
-        if isinstance(solver, Pardiso):
+        factor = first = cpu(lambda s=solver: s.prepare(A), most=1)
+        if isinstance(solver, Pardiso):  # SuperLU repeats the analysis
+            factor = cpu(lambda s=solver: s.prepare(A), most=20)
             yield "analysis", first - factor
         yield f"{solver.name} entries", solver.entries
         yield f"{solver.name} factor", factor / solver.entries
@@ -141,13 +147,22 @@ def prices_of(kind: str, blocks: int, load: float) -> dict[str, float]:
     return prices
 
 
+def seconds_of_loading() -> float:
+    """The CPU seconds in which a new process loads the MKL, the least of three."""
+    command = [sys.executable, "-c", LOADING]
+    runs = [subprocess.run(command, capture_output=True, check=True) for _ in range(3)]
+    return min(float(run.stdout) for run in runs)
+
+
 def to_toml(table: dict[str, dict[str, list[float]]]) -> str:
     """The text of the file of prices: a line for each price, and what its numbers are."""
+    processor = harness.hardware()["processor"]
     lines = [
         "# What the operations of linear solvers cost, in block products of conjugate gradients",
         "# on the same matrix: fecloth.linalg.prices.Prices says of what each is the price.",
         "# Each kind of matrix has two numbers: in a cache of the processor, and too large for it.",
-        f"# Written by: python -m studies.evidence.benchmarks.prices --write ({harness.hardware()['processor']})",
+        "# Written by: python -m studies.evidence.benchmarks.prices --write",
+        f"# Processor: {processor}",
         f"blocks = {list(BLOCKS)}",
     ]
     for name, kinds in table.items():
@@ -165,7 +180,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="small matrices only")
     options = parser.parse_args()
     sizes = (BLOCKS[0] // 8, BLOCKS[0]) if options.quick else BLOCKS
-    load = cpu(mkl_pardiso.routine, most=1)
+    load = seconds_of_loading()
     table: dict[str, dict[str, list[float]]] = {}
     for kind in TRIANGLES_PER_BLOCK:
         for blocks in sizes:
