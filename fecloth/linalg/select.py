@@ -35,13 +35,13 @@ from fecloth.validation import known
 # Cycles of a solve with multigrid, as an estimate.
 CYCLES = 10
 # New factors for each solve with a direct solver, as an estimate.
-FACTORS_PER_SOLVE = 0.4
+FACTORS_PER_SOLVE = 0.45
 # The first set-up of a solver is spread over so many solves at least.
 FEWEST_SOLVES = 20
 # An estimate counts as so many solves in the average.
-ESTIMATE = 3
+ESTIMATE = 6
 # Weight of a new solve in the average, after larger ones for the first solves.
-WEIGHT = 1 / 12
+WEIGHT = 1 / 20
 # Factor on the averages of the other solvers for each solve: they fall by half in 350 solves.
 DECAY = 0.998
 # Another solver is taken if its average is less than this share of the average in use.
