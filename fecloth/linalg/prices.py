@@ -2,8 +2,9 @@
 
 The prices are measured by `studies.evidence.benchmarks.prices` on four matrices, and are in
 prices.toml. A price of another matrix is interpolated, by its number of blocks and its blocks in
-a row. All prices are in block products of conjugate gradients on the same matrix, so that the
-speed of the machine does not matter.
+a row, and the same beyond these matrices; only the entries of factors go on as a power of the
+number of blocks. All prices are in block products of conjugate gradients on the same matrix, so
+that the speed of the machine does not matter.
 """
 
 import math
@@ -77,23 +78,23 @@ class Prices:
         """Return the prices for matrices of a pattern."""
         table = _table()
         blocks = len(pattern.indices)
-        in_row = blocks / len(pattern)
         rows = table["blocks in a row"]
-        widths = [math.log(sum(rows[kind]) / 2) for kind in ("membrane", "plate")]
-        plate = np.interp(math.log(in_row), widths, (0.0, 1.0))
-        large = np.interp(math.log(blocks), np.log(table["blocks"]), (0.0, 1.0))
+        widths = np.log([np.mean(rows[kind]) for kind in ("membrane", "plate")])
+        plate = np.interp(math.log(blocks / len(pattern)), widths, (0.0, 1.0))
+        small, most = np.log(table["blocks"])
+        large = (math.log(blocks) - small) / (most - small)
 
-        def price(name: str) -> float:
-            """The mean of the prices of the four matrices, weighted by their likeness."""
+        def price(name: str, large: float = min(max(large, 0.0), 1.0)) -> float:
+            """The geometric mean of the prices of four matrices, weighted by their likeness."""
             values = np.array([table[name]["membrane"], table[name]["plate"]])
             weights = np.outer((1.0 - plate, plate), (1.0 - large, large))
-            return float((weights * values).sum())
+            return math.exp((weights * np.log(values)).sum())
 
         def factor_prices(name: str, load: float, analysis: float) -> FactorPrices:
             return FactorPrices(
                 load=load,
                 analysis=analysis,
-                entries=price(f"{name} entries") * blocks,
+                entries=price(f"{name} entries", large) * blocks,
                 factor=price(f"{name} factor") / blocks,
                 solve=price(f"{name} solve") / blocks,
             )

@@ -45,7 +45,7 @@ WEIGHT = 1 / 20
 # Factor on the averages of the other solvers for each solve: they fall by half in 350 solves.
 DECAY = 0.998
 # Another solver is taken if its average is less than this share of the average in use.
-RATIO_FOR_CHANGE = 0.9
+RATIO_FOR_CHANGE = 0.95
 # A solve is given up if it takes more than this factor times the average of another solver.
 PATIENCE = 2.0
 

@@ -191,9 +191,9 @@ def test_auto_spreads_a_set_up_over_the_solves_so_far():
     assert 40 < solves_before_factors(2000.0, solve=50.0) < 70
 
 
-def test_auto_changes_its_solver_where_a_tenth_is_gained():
-    assert solves_before_factors(0.0, solve=80.0) == 1  # 85 of 98 iterations
-    assert solves_before_factors(0.0, solve=86.0) > 5  # 91 of 98, until the guess has fallen
+def test_auto_changes_its_solver_where_a_twentieth_is_gained():
+    assert solves_before_factors(0.0, solve=86.0) == 1  # 91 of 98 iterations
+    assert solves_before_factors(0.0, solve=92.0) > 5  # 97 of 98, until the estimate has fallen
 
 
 def test_the_average_of_a_solver_follows_its_solves():

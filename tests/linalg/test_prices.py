@@ -37,12 +37,16 @@ def test_the_prices_of_the_measured_matrices_are_those_of_the_table(kind, size):
     assert prices.superlu.analysis == prices.superlu.load == 0.0
 
 
-def test_a_price_between_is_the_mean_in_logarithms():
+def geometric_mean(values):
+    return np.exp(np.mean(np.log(values)))
+
+
+def test_a_price_between_is_the_geometric_mean():
     middle = Prices.of(pattern((SMALL * LARGE) ** 0.5, ROWS["membrane"]))
-    assert middle.cycle == pytest.approx(np.mean(TABLE["cycle"]["membrane"]), rel=1e-2)
+    assert middle.cycle == pytest.approx(geometric_mean(TABLE["cycle"]["membrane"]), rel=1e-2)
     middle = Prices.of(pattern(SMALL, (ROWS["membrane"] * ROWS["plate"]) ** 0.5))
     both = [TABLE["cycle"][kind][0] for kind in ROWS]
-    assert middle.cycle == pytest.approx(np.mean(both), rel=1e-2)
+    assert middle.cycle == pytest.approx(geometric_mean(both), rel=1e-2)
 
 
 def test_beyond_the_measured_matrices_prices_stay():
@@ -50,6 +54,14 @@ def test_beyond_the_measured_matrices_prices_stay():
     assert smallest.cycle == pytest.approx(TABLE["cycle"]["membrane"][0])
     largest = Prices.of(pattern(1e7, 60.0))
     assert largest.cycle == pytest.approx(TABLE["cycle"]["plate"][1])
+
+
+@pytest.mark.parametrize("name", ["pardiso", "superlu"])
+def test_the_entries_of_factors_go_on_as_a_power_of_the_blocks(name):
+    few, many = TABLE[f"{name} entries"]["plate"]
+    blocks = LARGE * LARGE / SMALL
+    larger = getattr(Prices.of(pattern(blocks, ROWS["plate"])), name)
+    assert larger.entries == pytest.approx(many * many / few * blocks, rel=1e-2)
 
 
 @pytest.mark.parametrize("name", sorted(set(TABLE) - {"blocks"}))
