@@ -23,8 +23,8 @@ MOST_REFINEMENTS = 2
 class Direct:
     """Base of direct solvers, which solve with a factor of the matrix that was prepared last.
 
-    A subclass supplies `name`; `prepare`, which sets ``_A`` and ``_seconds``; and ``_apply(b)``,
-    which returns A⁻¹ b.
+    A subclass supplies `name`; `prepare`, which sets ``_A``, ``_seconds`` and `entries`, the number
+    of entries of the factor; and ``_apply(b)``, which returns A⁻¹ b.
     """
 
     name: str
@@ -33,6 +33,7 @@ class Direct:
     def __init__(self, symmetric: bool = True):
         self.symmetric = symmetric
         self.prepared = 0
+        self.entries = 0
         self._A: BlockMatrix | None = None
         self._seconds = 0.0
 
@@ -107,6 +108,7 @@ class Pardiso(Direct):
             self._analyse(A.pattern)
         self._rows.refill(A)
         self._call(Phase.FACTORISE, self._nothing, self._nothing)
+        self.entries = mkl_pardiso.entries(self._iparm)
         self._A = A
         self._seconds = time.perf_counter() - begin
 
@@ -179,6 +181,7 @@ class SuperLU(Direct):
         n = 3 * len(A.pattern)
         # The row arrays of A, used as column arrays, give Aᵀ.
         self._lu = self._factor(sparse.csc_matrix(self._rows.arrays, shape=(n, n)))
+        self.entries = self._lu.nnz
         self._A = A
         self._seconds = time.perf_counter() - begin
 

@@ -38,8 +38,14 @@ def parameters() -> np.ndarray:
     iparm[10] = 13  # a pivot below 1e-13 of the largest entry is replaced (general matrices)
     # No scaling or matching (11, 13). Both make the analysis depend on the values of the first
     # matrix. Then a run continued from a restart file would differ from an uninterrupted run.
+    iparm[18] = -1  # report the entries of the factor
     iparm[35] = 1  # rows and columns are numbered from 0
     return iparm[1:].copy()
+
+
+def entries(iparm: np.ndarray) -> int:
+    """The number of entries of the factor, which the analysis has written to ``iparm``."""
+    return int(iparm[17])
 
 
 def pardiso(

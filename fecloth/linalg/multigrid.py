@@ -278,6 +278,11 @@ class Multigrid(PCG):
         self._extra_iterations = 0.0
         self._x: np.ndarray | None = None
 
+    @property
+    def wear(self) -> float:
+        """The additional iterations over the number at which new coarse matrices are made."""
+        return self._extra_iterations / ITERATIONS_PER_REBUILD
+
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
         """Note the positions x (n, 3): the next coarse matrices represent rotations about them.
 
@@ -298,7 +303,7 @@ class Multigrid(PCG):
         if not self._grids or not A.pattern.same_as(self._grids[0].pattern):
             self._levels = []
             self._grids = make_grids(A.pattern)
-        if self._levels and self._extra_iterations < ITERATIONS_PER_REBUILD:
+        if self._levels and self.wear < 1.0:
             self._levels[0].refill(A, self._inverse)  # the coarser levels stay
         else:
             self._levels = []  # the new levels need its memory

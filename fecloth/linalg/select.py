@@ -4,19 +4,21 @@
 was computed with A and is small enough.
 
 The solver "auto" is conjugate gradients, multigrid or a factorisation: each matrix goes to the
-solver whose solves have taken the least work on average. Conjugate gradients begin. All
-averages begin with guesses. The averages of the solvers that are not in use fall slowly, so
-that each solver is tried again at times; the more work it took, the later. If a solve takes
-several times the guess of the cheapest other solver, it is given up. Then this work counts as the
-average of the first solver, and the other one continues at once. If the step size changes by
+solver whose solves have taken the least work on average. Conjugate gradients begin. The other
+averages begin with estimates, and their first set-up, such as the analysis of the pattern, is
+spread over as many solves as the run has had. So a solver that may be the best is tried early, and
+one that is dear to set up later or never. The averages of the solvers that are not in use fall
+slowly, so that each solver is tried again at times; the more work it took, the later. If a solve
+takes several times the work of the cheapest other solver, it is given up. Then this work counts as
+the average of the first solver, and the other one continues at once. If the step size changes by
 more than a factor of 2, all averages begin anew. Where the pattern of the matrices changes, as
 with contact, the work of its analysis is added, in proportion to how often it changed lately.
 
-Work is counted in iterations of `PCG` and not in seconds, so that a run repeats bit for bit.
+Work is counted: iterations, cycles, coarse matrices, factors and their entries, tangents. Each has
+its price in `prices`. The seconds of the run do not matter, so that a run repeats bit for bit.
 `studies.evidence.benchmarks.auto_solver` compares whole runs with those of the best solver.
 """
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -26,38 +28,26 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.direct import Pardiso, SuperLU
 from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
+from fecloth.linalg.prices import FactorPrices, Prices
 from fecloth.linalg.protocol import SolveInfo, check_arguments
 from fecloth.validation import known
 
-# All works are in iterations of `PCG` on the same matrix.
-# Work of a tangent, for each block in a row.
-TANGENT_WORK = 2.0
-# Work of an iteration of multigrid.
-CYCLE_WORK = 10.0
-# Iterations of multigrid that take as long as a solve's share of the coarse matrices.
-COARSE_ITERATIONS = 4
-# Work of a solve with multigrid, as a first guess.
-MULTIGRID_GUESS = 150.0
-# New factors for each solve with a direct solver, as a first guess.
-FACTORS_PER_SOLVE = 0.8
-# Work of SuperLU over the work of PARDISO.
-SUPERLU_RATIO = 8.0
-# Work of the analysis of a new pattern.
-PATTERN = {"pcg": 0.0, "direct": 320.0, "multigrid": 100.0}
-# Work times nodes that takes as long as loading the MKL, 0.4 s.
-LOADING_WORK = 1e7
-# Nodes from which on multigrid is considered.
-FEWEST_MULTIGRID_NODES = 2_000
-# Weight of a new solve in the average, after 1/2, 1/3, … for the first solves.
-WEIGHT = 1 / 12
+# Cycles of a solve with multigrid, as an estimate.
+CYCLES = 10
+# New factors for each solve with a direct solver, as an estimate.
+FACTORS_PER_SOLVE = 0.45
+# The first set-up of a solver is spread over so many solves at least.
+FEWEST_SOLVES = 20
+# An estimate counts as so many solves in the average.
+ESTIMATE = 6
+# Weight of a new solve in the average, after larger ones for the first solves.
+WEIGHT = 1 / 20
 # Factor on the averages of the other solvers for each solve: they fall by half in 350 solves.
 DECAY = 0.998
 # Another solver is taken if its average is less than this share of the average in use.
-RATIO_FOR_CHANGE = 0.85
-# A solve is given up if it takes more than this factor times the guess of another solver: soon
-# while nothing is known of the solver in use, later where its average is.
-FIRST_PATIENCE = 1.5
-PATIENCE = 3.0
+RATIO_FOR_CHANGE = 0.95
+# A solve is given up if it takes more than this factor times the average of another solver.
+PATIENCE = 2.0
 
 
 class AutoSolver:
@@ -72,13 +62,10 @@ class AutoSolver:
 
     def __init__(self, pattern: BlockPattern, direct: Callable[[], Pardiso | SuperLU]):
         """Begin with conjugate gradients, for matrices of about this pattern."""
-        self._nodes = len(pattern)
         self.prepared = 0
+        self._prices = Prices.of(pattern)
         self._make: dict[str, Callable[[], PCG | Pardiso | SuperLU]]
-        self._make = {"pcg": PCG, "direct": direct}
-        if self._nodes >= FEWEST_MULTIGRID_NODES:
-            self._make["multigrid"] = Multigrid
-        self._blocks_in_row = len(pattern.indices) / self._nodes
+        self._make = {"pcg": PCG, "direct": direct, "multigrid": Multigrid}
         self.drop()
 
     def drop(self) -> None:
@@ -88,17 +75,14 @@ class AutoSolver:
         self._reset_averages()
 
     def _reset_averages(self) -> None:
-        """Begin anew with conjugate gradients and guessed averages; keep the solvers."""
+        """Begin anew with conjugate gradients and estimated averages; keep the solvers."""
         self._first_size: float | None = None  # wx/wa of the first step
         self._pattern: BlockPattern | None = None  # of the last matrix
         self._new_patterns = 0.0  # share of recent matrices whose pattern was new
         self._work = 0.0  # since the last solve
-        guesses = {mode: self.guess(mode) for mode in self._make if mode != "pcg"}
-        # conjugate gradients begin: no other solver has a smaller average
-        self._average = {"pcg": min(guesses.values()), **guesses}
-        if "direct" not in self._solvers:
-            self._average["direct"] += LOADING_WORK / self._nodes
-        self._solves = dict.fromkeys(self._make, 1)  # with each solver; the guess is one
+        self._solves = 0  # since these averages began
+        # no estimate of conjugate gradients: they begin
+        self._average = {"pcg": 0.0} | {mode: self.estimate(mode) for mode in OTHERS}
         self._use("pcg")
 
     def _use(self, mode: str) -> None:
@@ -108,10 +92,11 @@ class AutoSolver:
         """
         if mode not in self._solvers:
             self._solvers[mode] = self._make[mode]()
-            if mode != "pcg":  # the MKL is loaded now: a guess without `LOADING_WORK`
-                self._average[mode] = min(self._average[mode], self.guess(mode))
+            if mode in OTHERS:  # only now it is known whether there is PARDISO
+                self._average[mode] = self.estimate(mode)
         self._mode = mode
         self._solver = self._solvers[mode]
+        self._solves_in_use = 0
         self.prepared = self.prepared + 1
         self._A = None
         if self._step_begun:
@@ -122,37 +107,60 @@ class AutoSolver:
         """Name of the solver in use."""
         return self._solver.name
 
-    def guess(self, mode: str) -> float:
-        """The work for a matrix and a solve with "direct" or "multigrid", as a guess."""
-        if mode == "multigrid":
-            return MULTIGRID_GUESS + TANGENT_WORK * self._blocks_in_row
-        return FACTORS_PER_SOLVE * self._prepare_work(mode) + self._solve_work(mode, 0)
+    @property
+    def _factor_prices(self) -> FactorPrices:
+        """The prices of the direct solver: of PARDISO until it is known that there is none."""
+        solver = self._solvers.get("direct")
+        is_superlu = solver is not None and solver.name == "superlu"
+        return self._prices.superlu if is_superlu else self._prices.pardiso
 
-    def _average_with_pattern(self, mode: str) -> float:
-        """The average work of a solve, with its share of the work of a new pattern."""
-        return self._average[mode] + self._new_patterns * PATTERN[mode]
+    @property
+    def _entries(self) -> float:
+        """Entries of the factor of the direct solver; an estimate if there is none yet."""
+        solver = self._solvers.get("direct")
+        return getattr(solver, "entries", 0) or self._factor_prices.entries
+
+    def estimate(self, mode: str) -> float:
+        """The work for a matrix and a solve with "direct" or "multigrid", as an estimate."""
+        if mode == "multigrid":
+            return self._prepare_work(mode) + self._solve_work(mode, CYCLES)
+        factors = FACTORS_PER_SOLVE * self._prepare_work(mode)
+        return factors + self._solve_work(mode, 0)
+
+    def _set_up_work(self, mode: str) -> float:
+        """The work of the first matrix of a pattern beyond the work of the next ones."""
+        if mode == "multigrid":
+            return self._prices.grids + self._prices.coarse
+        return self._factor_prices.analysis if mode == "direct" else 0.0
+
+    def _cost(self, mode: str) -> float:
+        """The average work of a solve, with its share of set-ups past and to come."""
+        set_up = self._set_up_work(mode)
+        cost = self._average[mode] + self._new_patterns * set_up
+        if mode not in self._solvers:
+            load = self._factor_prices.load if mode == "direct" else 0.0
+            cost += (set_up + load) / max(FEWEST_SOLVES, self._solves)
+        return cost
 
     def _prepare_work(self, mode: str) -> float:
-        """Return the work of a tangent, and of its factor, in iterations of `PCG`."""
-        tangent = TANGENT_WORK * self._blocks_in_row
+        """The work of a tangent and of what the solver makes of it."""
+        work = self._prices.tangent
         if mode == "direct":
-            return tangent + 1.1 * self._blocks_in_row * self._solve_work(mode, 0)
-        return tangent
+            work += self._factor_prices.factor * self._entries
+        if mode == "multigrid":
+            work += self._prices.refill
+        return work
 
     def _solve_work(self, mode: str, iterations: int) -> float:
-        """Return the work of a solve, in iterations of `PCG`.
+        """The work of a solve and of the residual that it is for.
 
         `iterations` is the number of iterations of the solver. For a direct solver it is the
-        number of refinements; each costs a solve with the factor, about ∛n for n nodes.
+        number of refinements; each costs a solve with the factor.
         """
+        work = self._prices.residual
         if mode == "direct":
-            work = (1 + iterations) * math.cbrt(self._nodes)
-            if mode in self._solvers and self._solvers[mode].name == "superlu":
-                work *= SUPERLU_RATIO
-            return work
-        if mode == "multigrid":
-            return CYCLE_WORK * (iterations + COARSE_ITERATIONS)
-        return float(iterations)
+            return work + (1 + iterations) * self._factor_prices.solve * self._entries
+        return work + iterations * (self._prices.cycle if mode == "multigrid" else 1.0)
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
         """Note that a step begins; if wx/wa has changed by more than 4, begin anew.
@@ -174,11 +182,16 @@ class AutoSolver:
         is_new = self._pattern is not None and not A.pattern.same_as(self._pattern)
         self._pattern = A.pattern
         self._new_patterns += WEIGHT * (is_new - self._new_patterns)
-        cheapest = min(self._make, key=self._average_with_pattern)
-        average_in_use = self._average_with_pattern(self._mode)
-        if self._average_with_pattern(cheapest) < RATIO_FOR_CHANGE * average_in_use:
-            self._use(cheapest)
+        while self._solves and self._cost(self._cheapest) < (
+            RATIO_FOR_CHANGE * self._cost(self._mode)
+        ):
+            self._use(self._cheapest)
         self._prepare(A)
+
+    @property
+    def _cheapest(self) -> str:
+        """The mode whose solves cost the least."""
+        return min(self._make, key=self._cost)
 
     def _prepare(self, A: BlockMatrix) -> None:
         """Let the solver in use prepare A."""
@@ -193,20 +206,18 @@ class AutoSolver:
     ) -> tuple[np.ndarray, SolveInfo]:
         """Solve A x = b (n, 3) by the solver in use; return x (n, 3) and its `SolveInfo`.
 
-        If it fails or takes more than a factor (`FIRST_PATIENCE`, `PATIENCE`) times the guess of
-        the cheapest other solver, that one takes over and solves at once. The work goes into the
-        averages. Raises `IndefiniteMatrix` if A is not positive definite, and `SolveFailed` if
-        the direct solver fails.
+        If it fails or takes more than `PATIENCE` times the work of the cheapest other solver, that
+        one takes over and solves at once. The work goes into the averages. Raises
+        `IndefiniteMatrix` if A is not positive definite, and `SolveFailed` if the direct solver
+        fails.
         """
         A, _, _ = check_arguments(self._A, b, rtol)
-        others = [mode for mode in self._make if mode not in ("pcg", self._mode)] or ["direct"]
-        guesses = [(self.guess(mode) + self._new_patterns * PATTERN[mode], mode) for mode in others]
-        cheapest_guess, other = min(guesses)
-        is_known = self._solves[self._mode] > 1
-        limit = (PATIENCE if is_known else FIRST_PATIENCE) * cheapest_guess
+        other = min((mode for mode in OTHERS if mode != self._mode), key=self._cost)
+        limit = PATIENCE * self._cost(other)
         if isinstance(self._solver, PCG):
-            iteration_work = CYCLE_WORK if self._mode == "multigrid" else 1.0
-            self._solver.max_iterations = max(10, int(limit / iteration_work))
+            price = self._solve_work(self._mode, 1) - self._solve_work(self._mode, 0)
+            self._solver.max_iterations = max(10, int(limit / price))
+        wear = self._wear
         try:
             x, info = self._solver.solve(b, rtol, guess)
         except SolveFailed as failure:
@@ -214,22 +225,34 @@ class AutoSolver:
             if isinstance(failure, IndefiniteMatrix) or self._mode == "direct":
                 raise
             self._average[self._mode] = limit
+            self._solves += 1
             self._use(other)
             self._prepare(A)
             return self.solve(b, rtol, guess)
         self._work += self._solve_work(self._mode, info.iterations)
+        self._work += (self._wear - wear) * self._prices.coarse
         self._take_note_of(self._work)
         self._work = 0.0
         return x, info
+
+    @property
+    def _wear(self) -> float:
+        """The part of its coarse matrices that the solver in use has worn out."""
+        return self._solver.wear if isinstance(self._solver, Multigrid) else 0.0
 
     def _take_note_of(self, work: float) -> None:
         """Put the work of a solve into the average of the solver in use; let the others fall."""
         old = self._average[self._mode]
         self._average = {mode: DECAY * average for mode, average in self._average.items()}
-        self._solves[self._mode] += 1
-        weight = max(WEIGHT, 1 / self._solves[self._mode])
+        self._solves += 1
+        self._solves_in_use += 1
+        estimated = 0 if self._mode == "pcg" else ESTIMATE
+        weight = max(WEIGHT, 1 / (estimated + self._solves_in_use))
         self._average[self._mode] = old + weight * (work - old)
 
+
+OTHERS = ("direct", "multigrid")
+"""The modes besides conjugate gradients, which begin."""
 
 NAMES = ("direct", "pardiso", "superlu", "pcg", "multigrid")
 """The names that `create` knows."""
@@ -251,7 +274,7 @@ def choose(pattern: BlockPattern, symmetric: bool) -> tuple[Pardiso | SuperLU | 
     if not symmetric:
         return direct(symmetric=False), "the matrix is not symmetric"
     solver = AutoSolver(pattern, direct)
-    price = solver.guess("direct")
+    price = solver.estimate("direct")
     return solver, f"at first; a factor and a solve cost about as much as {price:.0f} iterations"
 
 

@@ -1,5 +1,6 @@
 """The solver "auto": its choice between conjugate gradients, multigrid and a factorisation."""
 
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
@@ -10,6 +11,7 @@ from support.matrices import indefinite, load, missing, relative, sheet
 import fecloth as fc
 from fecloth.errors import IndefiniteMatrix, InputError
 from fecloth.linalg import direct, mkl_pardiso, multigrid, select
+from fecloth.linalg.prices import FactorPrices, Prices
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -25,7 +27,7 @@ def easy():
 
 @cache
 def middle():
-    """A matrix that takes about 40 iterations."""
+    """A matrix that takes 89 iterations."""
     return sheet(m=20, mass=0.3)
 
 
@@ -35,8 +37,44 @@ def hard():
     return sheet(m=20, mass=1e-5)
 
 
-def auto():
-    return select.choose(easy().pattern, True)[0]
+@cache
+def entries(kind):
+    """Entries of the factor of these matrices."""
+    solver = select.create(kind)
+    solver.prepare(easy())
+    return solver.entries
+
+
+def factor_prices(kind, load=700.0, analysis=250.0, factor=95.0, solve=20.0):
+    """Prices of a whole factor and of a solve with it."""
+    count = entries(kind)
+    return FactorPrices(load, analysis, count, factor / count, solve / count)
+
+
+def prices(**changes):
+    """Prices that no machine changes: multigrid is too dear."""
+    least = Prices(
+        tangent=8.0,
+        residual=1.0,
+        grids=80.0,
+        coarse=300.0,
+        refill=2.0,
+        cycle=200.0,
+        pardiso=factor_prices("direct"),
+        superlu=factor_prices("superlu", load=0.0, analysis=0.0, factor=800.0),
+    )
+    return replace(least, **changes)
+
+
+CHEAP_MULTIGRID = {"grids": 40.0, "coarse": 40.0, "cycle": 1.0}
+
+
+def auto(**changes):
+    """The solver "auto" with changed prices."""
+    solver = select.choose(easy().pattern, True)[0]
+    solver._prices = prices(**changes)
+    solver.drop()
+    return solver
 
 
 def steps(solver, A, count, wx=1.0):
@@ -118,20 +156,85 @@ def test_auto_tries_pcg_again_at_times(monkeypatch):
     assert 3 < len(tried) < 10
 
 
-@pytest.mark.parametrize(("loading", "changes"), [(0.0, True), (1e12, False)])
-def test_auto_uses_a_factorisation_that_serves_many_steps(loading, changes, monkeypatch):
-    """In a linear problem one factor serves all steps: cheaper than 40 iterations each."""
-    monkeypatch.setattr(select, "LOADING_WORK", loading)
-    monkeypatch.setattr(select, "DECAY", 0.95)
-    solver, names = auto(), []
-    for _ in range(60):
+def reusing_steps(solver, A, count):
+    """Solve with A in `count` steps, with one factor; return the names of the solvers."""
+    names = []
+    for _ in range(count):
         solver.begin(1.0, 1.0, NOWHERE)
         if solver.name == "pcg":
-            solver.prepare(middle())
-        names.append(solver.solve(load(middle()), rtol=1e-6)[1].name)
+            solver.prepare(A)
+        names.append(solver.solve(load(A), rtol=1e-6)[1].name)
+    return names
+
+
+@pytest.mark.parametrize(("load", "changes"), [(700.0, True), (1e9, False)])
+def test_auto_uses_a_factorisation_that_serves_many_steps(load, changes, monkeypatch):
+    """In a linear problem one factor serves all steps: cheaper than 89 iterations each."""
+    monkeypatch.setattr(select, "DECAY", 0.95)
+    names = reusing_steps(auto(pardiso=factor_prices("direct", load=load)), middle(), 80)
     assert names[0] == "pcg"
     assert (names[-30:] == [select.direct().name] * 30) == changes
     assert (set(names) == {"pcg"}) != changes
+
+
+def solves_before_factors(analysis, solve):
+    """Solves of 98 iterations and tangents, before a factorisation is tried."""
+    few = factor_prices("direct", load=0.0, analysis=analysis, factor=0.0, solve=solve)
+    return steps(auto(pardiso=few), middle(), 80).index(select.direct().name)
+
+
+def test_auto_spreads_a_set_up_over_the_solves_so_far():
+    """A solve with a factor costs 55 of 98 iterations: a large set-up pays after 50 solves."""
+    assert solves_before_factors(0.0, solve=50.0) == 1
+    assert solves_before_factors(600.0, solve=50.0) == 1  # a run takes 20 solves at least
+    assert 20 < solves_before_factors(900.0, solve=50.0) < 40
+    assert 40 < solves_before_factors(2000.0, solve=50.0) < 70
+
+
+def test_auto_changes_its_solver_where_a_twentieth_is_gained():
+    assert solves_before_factors(0.0, solve=86.0) == 1  # 91 of 98 iterations
+    assert solves_before_factors(0.0, solve=92.0) > 5  # 97 of 98, until the estimate has fallen
+
+
+def test_the_average_of_a_solver_follows_its_solves():
+    solver = auto()
+    steps(solver, easy(), 40)
+    average = solver._average["pcg"]
+    steps(solver, middle(), 1)
+    work = 89 + prices().tangent + prices().residual
+    moved = (solver._average["pcg"] - average) / (work - average)
+    assert moved == pytest.approx(1 / 20, rel=0.05)
+
+
+def test_the_averages_of_the_other_solvers_fall_by_half_in_350_solves():
+    solver = auto()
+    before = solver._average["multigrid"]
+    steps(solver, easy(), 35)
+    assert solver._average["multigrid"] / before == pytest.approx(0.5**0.1, rel=1e-2)
+
+
+def test_the_work_of_multigrid_and_of_a_factorisation_is_estimated():
+    solver = auto()
+    assert solver.estimate("multigrid") == 8.0 + 2.0 + 1.0 + 10 * 200.0
+    assert solver.estimate("direct") == pytest.approx(0.45 * (8.0 + 95.0) + 20.0 + 1.0)
+
+
+def test_auto_does_not_judge_a_factorisation_by_its_first_factor():
+    """A factor and a solve cost more than an average solve of conjugate gradients."""
+    dear = factor_prices("direct", load=0.0, analysis=0.0, factor=100.0, solve=5.0)
+    names = reusing_steps(auto(pardiso=dear), middle(), 10)
+    assert names == ["pcg"] + [select.direct().name] * 9
+
+
+def test_auto_gives_a_solve_up_after_twice_the_work_of_another(monkeypatch):
+    """A tangent and a solve cost 61 on average: 270 iterations are not waited for."""
+    allowed, solve = [], select.PCG.solve
+    monkeypatch.setattr(
+        select.PCG, "solve", lambda self, *a: allowed.append(self.max_iterations) or solve(self, *a)
+    )
+    sure = factor_prices("direct", load=0.0, analysis=0.0, factor=0.0, solve=56.0)
+    steps(auto(pardiso=sure), hard(), 1)
+    assert allowed == [pytest.approx(2 * (0.45 * 8 + 1 + 56), abs=1)]
 
 
 @pytest.mark.parametrize(("ratio", "is_reset"), [(3.2, False), (5.0, True)])
@@ -182,13 +285,10 @@ def test_auto_indefinite_matrix_is_rejected():
 
 def test_auto_without_pardiso_counts_the_price_of_superlu(monkeypatch):
     """With PARDISO 270 iterations are too many, with SuperLU they are not."""
-    pardiso = auto()
     monkeypatch.setattr(mkl_pardiso, "routine", missing)
-    solver = auto()
-    assert steps(solver, hard(), 3) == ["superlu", "pcg", "pcg"]
-    assert solver.guess("direct") > 4 * pardiso.guess("direct") > 0.5 * 270
-    monkeypatch.setattr(select, "SUPERLU_RATIO", 1.0)
-    assert steps(auto(), hard(), 3) == ["superlu"] * 3
+    assert steps(auto(), hard(), 3) == ["superlu", "pcg", "pcg"]
+    cheap = factor_prices("superlu", load=0.0, analysis=0.0)
+    assert steps(auto(superlu=cheap), hard(), 3) == ["superlu"] * 3
 
 
 def test_auto_follows_the_steps_of_a_march(monkeypatch):
@@ -207,29 +307,69 @@ def test_auto_follows_the_steps_of_a_march(monkeypatch):
         assert sizes == pytest.approx([size] * 3)
 
 
-def test_auto_takes_multigrid_where_pcg_takes_many_iterations(monkeypatch):
-    monkeypatch.setattr(select, "FEWEST_MULTIGRID_NODES", 400)
-    monkeypatch.setattr(select, "MULTIGRID_GUESS", 100.0)
-    assert steps(auto(), easy(), 3) == ["pcg"] * 3
-    assert steps(auto(), middle(), 5) == ["pcg"] * 5  # about 40 iterations
-    monkeypatch.setattr(select, "MULTIGRID_GUESS", 10.0)
-    monkeypatch.setattr(select, "CYCLE_WORK", 1.0)
-    solver = auto()
-    assert steps(solver, middle(), 8) == ["multigrid"] * 8
+def test_auto_takes_multigrid_where_pcg_takes_many_iterations():
+    solver = auto(**CHEAP_MULTIGRID)
+    assert steps(solver, hard(), 8) == ["multigrid"] * 8
     solver.drop()
     assert steps(solver, easy(), 3) == ["pcg"] * 3
-    monkeypatch.setattr(select, "FEWEST_MULTIGRID_NODES", 401)
-    assert "multigrid" not in steps(auto(), middle(), 8)
+    assert steps(auto(), middle(), 8) == ["pcg"] * 8
 
 
-@pytest.mark.parametrize(("cycle", "last"), [(2.0, "multigrid"), (100.0, "direct")])
-def test_auto_factorises_where_multigrid_takes_too_long(cycle, last, monkeypatch):
-    """Multigrid needs 18 iterations."""
-    monkeypatch.setattr(select, "FEWEST_MULTIGRID_NODES", 400)
-    monkeypatch.setattr(select, "MULTIGRID_GUESS", 20.0)
-    monkeypatch.setattr(select, "CYCLE_WORK", cycle)
+@pytest.mark.parametrize(
+    ("dearer", "leaves"),
+    [
+        ({}, False),
+        ({"cycle": 30.0}, True),
+        ({"refill": 1000.0}, True),
+        ({"grids": 1e5}, True),
+        ({"coarse": 1e5}, True),
+    ],
+)
+def test_auto_factorises_where_multigrid_takes_too_long(dearer, leaves):
+    """Multigrid needs 11 iterations; a factor and a solve cost 124."""
+    last = steps(auto(**CHEAP_MULTIGRID | dearer), hard(), 5)[-1]
+    assert last == (select.direct().name if leaves else "multigrid")
+
+
+@pytest.mark.parametrize(
+    ("dearer", "last"),
+    [
+        ({}, "direct"),
+        ({"pardiso": {"factor": 1000.0}}, "pcg"),
+        ({"pardiso": {"solve": 1000.0}}, "pcg"),
+        ({"pardiso": {"analysis": 1e5}}, "pcg"),
+        ({"pardiso": {"load": 1e5}}, "pcg"),
+        ({"residual": 1e4}, "pcg"),  # of all solvers: little remains to be gained
+    ],
+)
+def test_auto_leaves_a_factorisation_whose_price_rises(dearer, last):
+    """270 iterations of conjugate gradients against a factor and a solve."""
+    changed = {
+        name: factor_prices("direct", **value) if name == "pardiso" else value
+        for name, value in dearer.items()
+    }
     expected = select.direct().name if last == "direct" else last
-    assert steps(auto(), hard(), 3) == [expected] * 3
+    assert steps(auto(**changed), hard(), 8)[-1] == expected
+
+
+def test_auto_saves_tangents_that_are_dear():
+    """A factor serves several solves: with dear tangents it beats 89 iterations for each."""
+    assert steps(auto(), middle(), 3)[-1] == "pcg"
+    assert steps(auto(tangent=1000.0), middle(), 3)[-1] == select.direct().name
+
+
+def test_coarse_matrices_that_wear_out_are_counted():
+    """Iterations beyond the first rate are to be paid again, by new coarse matrices."""
+    solver = auto(**CHEAP_MULTIGRID)
+    steps(solver, hard(), 1)
+    assert solver.name == "multigrid"
+    solver._solver._first_rate = 1e-9  # as if the first solve had taken no iterations
+    before, average = solver._solver.wear, solver._average["multigrid"]
+    solver._prices = replace(solver._prices, coarse=1e4)
+    steps(solver, hard(), 1)
+    worn = solver._solver.wear - before
+    assert worn > 0.5
+    assert solver._average["multigrid"] - average > 0.1 * worn * 1e4
 
 
 @pytest.mark.stories

@@ -20,6 +20,7 @@ from support.matrices import (
 from fecloth.errors import IndefiniteMatrix, InputError, SolveFailed
 from fecloth.linalg import mkl_pardiso, select
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+from fecloth.linalg.prices import Prices
 
 pardiso = pytest.param("pardiso", marks=needs_pardiso)
 SYMMETRIC = [pardiso, "superlu", "pcg", "multigrid"]
@@ -230,8 +231,9 @@ def test_choose_states_what_a_factorisation_costs():
     pattern = sheet(m=20).pattern
     solver, reason = select.choose(pattern, True)
     assert solver.name == "pcg"
-    row = len(pattern.indices) / 400
-    costs = 0.8 * (2 * row + 1.1 * row * 400 ** (1 / 3)) + 400 ** (1 / 3)
+    prices = Prices.of(pattern)
+    factor = prices.tangent + prices.pardiso.factor * prices.pardiso.entries
+    costs = 0.45 * factor + prices.pardiso.solve * prices.pardiso.entries + prices.residual
     assert reason == f"at first; a factor and a solve cost about as much as {costs:.0f} iterations"
     general, reason = select.choose(pattern, False)
     assert general.name == select.direct().name

@@ -1,0 +1,197 @@
+"""What the operations of the linear solvers cost, as the solver "auto" counts them.
+
+    python -m studies.evidence.benchmarks.prices [--write] [--quick]
+
+Four matrices are measured, on one thread: of membranes, with 7 blocks in a row, and of plates, with
+about 30; each with so few blocks that a core's cache holds them, and with so many that each product
+reads them from memory. All prices are in block products of conjugate gradients on the same
+matrix. --write writes them to fecloth/linalg/prices.toml. CPU seconds, the least of several.
+
+On another machine all operations are faster or slower together, and "auto" chooses as here. What
+differs are the prices of arithmetic (tangent, factor) over the prices of reading memory (block
+products, cycles, solves with a factor): by some ten percent, more where the cache holds none or
+all of the matrices. Measure again after a change of a kernel of `fecloth.linalg` or of a term.
+"""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+import fecloth as fc
+from fecloth.linalg import multigrid
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.direct import Pardiso, SuperLU
+from fecloth.linalg.multigrid import Multigrid
+from fecloth.linalg.pcg import PCG
+from fecloth.linalg.prices import FILE
+from studies import harness
+from studies.evidence.benchmarks.measure import square
+
+FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
+DT = 5e-3
+BLOCKS = 16_000, 350_000
+TRIANGLES_PER_BLOCK = {"membrane": 2 / 7, "plate": 2 / 22}
+LOADING = """
+import time, scipy.sparse
+from fecloth.linalg import mkl_pardiso
+begin = time.process_time()
+mkl_pardiso.routine()
+print(time.process_time() - begin)
+"""
+
+
+def cpu(call: Callable[[], object], least: float = 0.5, most: int = 1000) -> float:
+    """CPU seconds of a call, the least of the calls in `least` seconds, of at most `most`.
+
+    Unless it is called once, the first call only compiles.
+    """
+    if most > 1:
+        call()
+    best, begin = math.inf, time.process_time()
+    for _ in range(most):
+        before = time.process_time()
+        call()
+        now = time.process_time()
+        best = min(best, now - before)
+        if now - begin > least:
+            break
+    return best
+
+
+def system_of(kind: str, blocks: int) -> fc.System:
+    """A pinned sheet, a membrane or a plate, whose matrix has about that many blocks."""
+    terms: list = [fc.StVK(), fc.Gravity()]
+    if kind == "plate":
+        terms += [fc.PlateBending(), fc.StrainRateDamping(0.02)]
+    cloth = square(round(blocks * TRIANGLES_PER_BLOCK[kind]))
+    return fc.System(cloth, FABRIC, terms, [fc.Pin("top")])
+
+
+def seconds_of(system: fc.System) -> Iterator[tuple[str, float]]:
+    """The CPU seconds of each operation on the matrix of a step, and the entries of factors."""
+    state = system.rest()
+    A = BlockMatrix.zeros(system.pattern)
+    b = np.random.default_rng(0).standard_normal((len(system.pattern), 3))
+
+    def assemble() -> None:
+        system.project(system.assemble(A, state, wx=DT**2, wv=DT, wa=1.0))
+
+    yield "tangent", cpu(assemble)
+    yield "residual", cpu(lambda: system.force(state))
+    yield from iterative(A, b, state.x)
+    yield from direct(A, b)
+
+
+def iterative(A: BlockMatrix, b: np.ndarray, x: np.ndarray) -> Iterator[tuple[str, float]]:
+    """The CPU seconds of conjugate gradients and of multigrid."""
+
+    def iterate(solver: PCG) -> float:
+        """The seconds of a solve over its iterations."""
+        _, info = solver.solve(b, fc.Newton().forcing)
+        return cpu(lambda: solver.solve(b, fc.Newton().forcing)) / info.iterations
+
+    pcg = PCG()
+    pcg.prepare(A)
+    yield "iteration", iterate(pcg)
+    yield "grids", cpu(lambda: multigrid.make_grids(A.pattern), most=3)
+    solver = Multigrid()
+    solver.begin(1.0, 1.0, x)
+
+    def rebuild() -> None:
+        solver.drop()
+        solver.begin(1.0, 1.0, x)
+        solver.prepare(A)
+
+    coarse = cpu(rebuild, most=5)
+    refill = cpu(lambda: solver.prepare(A))
+    yield "refill", refill
+    yield "coarse", coarse - refill
+    yield "cycle", iterate(solver)
+
+
+def direct(A: BlockMatrix, b: np.ndarray) -> Iterator[tuple[str, float]]:
+    """The CPU seconds of PARDISO and SuperLU, and the entries of their factors."""
+    for solver in (Pardiso(), SuperLU()):
+        factor = first = cpu(lambda s=solver: s.prepare(A), most=1)
+        if isinstance(solver, Pardiso):  # SuperLU repeats the analysis
+            factor = cpu(lambda s=solver: s.prepare(A), most=20)
+            yield "analysis", first - factor
+        yield f"{solver.name} entries", solver.entries
+        yield f"{solver.name} factor", factor / solver.entries
+        yield f"{solver.name} solve", cpu(lambda s=solver: s._apply(b)) / solver.entries
+
+
+def prices_of(kind: str, blocks: int, load: float) -> dict[str, float]:
+    """The prices of a matrix in block products, as `fecloth.linalg.prices` reads them.
+
+    `load` are the seconds in which the MKL is loaded.
+    """
+    system = system_of(kind, blocks)
+    count = len(system.pattern.indices)
+    seconds = {**dict(seconds_of(system)), "load": load}
+    product = seconds.pop("iteration") / count
+    prices = {"blocks in a row": count / len(system.pattern), "ns of a product": 1e9 * product}
+    for name, value in seconds.items():
+        if name.endswith("entries"):
+            prices[name] = value / count
+        elif name == "load" or name.startswith(("pardiso", "superlu")):
+            prices[name] = value / product
+        else:
+            prices[name] = value / product / count
+    return prices
+
+
+def seconds_of_loading() -> float:
+    """The CPU seconds in which a new process loads the MKL, the least of three."""
+    command = [sys.executable, "-c", LOADING]
+    runs = [subprocess.run(command, capture_output=True, check=True) for _ in range(3)]
+    return min(float(run.stdout) for run in runs)
+
+
+def to_toml(table: dict[str, dict[str, list[float]]]) -> str:
+    """The text of the file of prices: a line for each price, and what its numbers are."""
+    processor = harness.hardware()["processor"]
+    lines = [
+        "# What the operations of linear solvers cost, in block products of conjugate gradients",
+        "# on the same matrix: fecloth.linalg.prices.Prices says of what each is the price.",
+        "# Each kind of matrix has two numbers: in a cache of the processor, and too large for it.",
+        "# Written by: python -m studies.evidence.benchmarks.prices --write",
+        f"# Processor: {processor}",
+        f"blocks = {list(BLOCKS)}",
+    ]
+    for name, kinds in table.items():
+        numbers = ", ".join(
+            f"{kind} = [{', '.join(f'{value:.3g}' for value in values)}]"
+            for kind, values in kinds.items()
+        )
+        lines.append(f'"{name}" = {{ {numbers} }}' if " " in name else f"{name} = {{ {numbers} }}")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    parser = harness.Parser(description=__doc__.splitlines()[0])
+    parser.add_argument("--write", action="store_true", help=f"write {FILE.name} anew")
+    parser.add_argument("--quick", action="store_true", help="small matrices only")
+    options = parser.parse_args()
+    sizes = (BLOCKS[0] // 8, BLOCKS[0]) if options.quick else BLOCKS
+    load = seconds_of_loading()
+    table: dict[str, dict[str, list[float]]] = {}
+    for kind in TRIANGLES_PER_BLOCK:
+        for blocks in sizes:
+            for name, price in prices_of(kind, blocks, load).items():
+                table.setdefault(name, {}).setdefault(kind, []).append(price)
+    text = to_toml(table)
+    print(text)
+    if options.write:
+        FILE.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    harness.run_main(main)
