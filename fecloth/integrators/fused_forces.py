@@ -364,7 +364,7 @@ class SharedForces:
     def divide(cls, calls: Calls, threads: int) -> Self:
         """Divide calls among threads; what cannot be divided is for the first thread."""
         all_members = members(threads)
-        calls_of_threads: list[list[Call]] = [[] for _ in all_members]
+        calls_of_threads: list[list[AnyCall]] = [[] for _ in all_members]
         for shared in calls:
             for own, member in zip(calls_of_threads, all_members, strict=True):
                 own += [*_part_of_call(shared, member.thread, threads), (wait, (member,))]
@@ -377,7 +377,7 @@ class SharedForces:
             member.round_[0] = 1
 
 
-def _part_of_call(call: AnyCall, p: int, threads: int) -> list[Call]:
+def _part_of_call(call: AnyCall, p: int, threads: int) -> Calls:
     """Return the calls that thread p makes in place of one call for all nodes.
 
     It gets its own part of a call that can be divided. The first thread, p = 0, makes a call
@@ -385,7 +385,7 @@ def _part_of_call(call: AnyCall, p: int, threads: int) -> list[Call]:
     """
     if isinstance(call, SharedCall):
         return call.of_thread(p)
-    function, arguments = call
+    function, arguments = call[:2]
     if function in BY_ROWS or function in (copy, subtract_from):
         rows = (_rows_of(value, p, threads) for value in arguments)
         return [(function, tuple(rows))]

@@ -13,25 +13,26 @@ import numpy as np
 
 from fecloth.compiled.jit import Array, inner, kernel
 from fecloth.compiled.threads import Member, part_of, wait
+from fecloth.linalg.products import multiply
 from fecloth.linalg.protocol import BlockRows
 from fecloth.linalg.reductions import BLOCK, nodes_of, total
 
-CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
+CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS, STANDS_STILL = range(5)
 
 
 class Vectors(NamedTuple):
-    """The vectors (n, 3) of conjugate gradients besides x, which iterations overwrite.
+    """The vectors of conjugate gradients besides x, which iterations overwrite.
 
     Attributes
     ----------
     r
-        The residual b − A x.
+        (n, 3) the residual b − A x.
     z
-        M⁻¹ r.
+        (n, 3) M⁻¹ r.
     p
-        The search direction.
+        (n, 4) the search direction; the fourth number is 0.
     q
-        A p.
+        (n, 3) A p.
     """
 
     r: np.ndarray
@@ -39,15 +40,46 @@ class Vectors(NamedTuple):
     p: np.ndarray
     q: np.ndarray
 
+    @classmethod
+    def zeros(cls, n: int, precision: Any = np.float64) -> "Vectors":
+        """The vectors of n nodes, all zero."""
+        r, z, q = np.zeros((3, n, 3), precision)
+        return cls(r, z, np.zeros((n, 4), precision), q)
 
-@kernel
+
+class Carry(NamedTuple):
+    """The numbers that an iteration takes from the iteration before.
+
+    Attributes
+    ----------
+    rz
+        rᵀz; negative before the first iteration.
+    rr
+        rᵀr.
+    beta
+        β of the next direction.
+    scale
+        pᵀM p of the last direction p.
+    """
+
+    rz: float
+    rr: float
+    beta: float
+    scale: float
+
+
+START = Carry(-1.0, 0.0, 0.0, 0.0)
+
+
+@inner
 def conjugate_gradients(
-    A: BlockRows, inverse: Array, x: Array, vectors: Vectors, sums: Array, carry: Array,
-    threshold: float, limit: int, member: Member,
-) -> tuple[int, int]:  # fmt: skip
+    A: BlockRows, inverse: Array, x: Array, vectors: Vectors, sums: Array, carry: Carry,
+    threshold: float, least: float, limit: int, member: Member,
+) -> tuple[int, int, Carry]:  # fmt: skip
     """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
 
-    Each thread calls it as its `member`, and does the rows of its blocks of nodes.
+    Each thread calls it as its `member`, and does the rows of its blocks of nodes. The arrays
+    have one precision, float64 or float32; sums over nodes are in float64.
 
     Parameters
     ----------
@@ -62,55 +94,39 @@ def conjugate_gradients(
     sums
         (3, blocks) work array for pᵀq, rᵀz and rᵀr of each block of nodes.
     carry
-        (3,) rᵀz, rᵀr and β where an earlier call ended at its limit; rᵀz < 0 for a start.
+        `START`, or what an earlier call returned that ended at its limit.
     threshold, limit
         ‖r‖² at the end, and the largest number of iterations.
+    least
+        The smallest pᵀAp / pᵀMp that is taken for positive.
     member
         The thread.
 
     Returns
     -------
     tuple
-        The number of iterations, and CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS.
+        The number of iterations; CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS; and
+        the numbers to go on with.
     """
-    r, z, p, q = vectors
+    _, z, p, q = vectors
     begin, end = part_of(member, 0, sums.shape[1])  # this thread's blocks of nodes
-    rz = carry[0]
-    rr = carry[1]
-    beta = carry[2]
+    rz, rr, beta, scale = carry
     if rz < 0.0:  # a start: z = M⁻¹ r, without a step
-        beta = 0.0
-        for block in range(begin, end):
-            first, last = nodes_of(block, len(x))
-            sums[1, block], sums[2, block] = _advance(first, last, 0.0, p, q, inverse, x, r, z)
-        wait(member)
-        rz = total(sums[1])
-        rr = total(sums[2])
+        rz, rr = _advance(begin, end, 0.0, inverse, x, vectors, sums, member)
     status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
     j = 0
     while j < limit and status == OUT_OF_ITERATIONS:
         pq = _search(begin, end, A, z, beta, p, q, sums, member)
-        status = _check(pq, rz)
+        # r and the last p are orthogonal, so that pᵀMp has no mixed term
+        scale = rz + beta * beta * scale
+        status = _check(pq, rz, least * scale)
         if status == OUT_OF_ITERATIONS:
             old_rz = rz
-            alpha = rz / pq
-            for block in range(begin, end):
-                first, last = nodes_of(block, len(x))
-                sums[1, block], sums[2, block] = _advance(
-                    first, last, alpha, p, q, inverse, x, r, z
-                )
-            wait(member)
-            rz = total(sums[1])
-            rr = total(sums[2])
+            rz, rr = _advance(begin, end, rz / pq, inverse, x, vectors, sums, member)
             beta = rz / old_rz
             j += 1
             status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
-    wait(member)  # all have read `carry`
-    if member.thread == 0:
-        carry[0] = rz
-        carry[1] = rr
-        carry[2] = beta
-    return j, status
+    return j, status, Carry(rz, rr, beta, scale)
 
 
 @kernel
@@ -133,7 +149,7 @@ def step(
     rz = total(sums[1])
     beta = rz / old if old > 0.0 else 0.0
     pq = _search(begin, end, A, z, beta, p, q, sums, member)
-    status = _check(pq, rz)
+    status = _check(pq, rz, 0.0)
     if status == OUT_OF_ITERATIONS:
         for block in range(begin, end):
             first, last = nodes_of(block, len(x))
@@ -145,26 +161,50 @@ def step(
 
 
 @inner
-def _search(
-    begin: int, end: int, A: BlockRows, z: Array, beta: float, p: Array, q: Array, sums: Array,
+def residual_of(
+    begin: int, end: int, A: BlockRows, b: Array, x: Array, vectors: Vectors, sums: Array,
     member: Member,
 ) -> float:  # fmt: skip
-    """p = z + β p and q = A p in blocks begin … end − 1; returns pᵀq of all threads."""
-    _turn(begin * BLOCK, nodes_of(end - 1, len(p))[1], z, beta, p)
+    """r = b − A x in blocks begin … end − 1; returns ‖r‖² of all threads. p becomes x."""
+    r, _, p, q = vectors
+    for i in range(begin * BLOCK, nodes_of(end - 1, len(x))[1]):
+        for c in range(3):
+            p[i, c] = x[i, c]
     wait(member)
     for block in range(begin, end):
-        first, last = nodes_of(block, len(p))
-        sums[0, block] = _multiply(first, last, A, p, q)
+        first, last = nodes_of(block, len(x))
+        multiply(first, last, A, p, q)
+        sums[0, block] = 0.0
+        for i in range(first, last):
+            for c in range(3):
+                r[i, c] = b[i, c] - q[i, c]
+                sums[0, block] += r[i, c] * r[i, c]
     wait(member)
     return total(sums[0])
 
 
 @inner
-def _check(pq: float, rz: float) -> int:
+def _search(
+    begin: int, end: int, A: BlockRows, z: Array, beta: float, p: Array, q: Array, sums: Array,
+    member: Member,
+) -> float:  # fmt: skip
+    """p = z + β p and q = A p in blocks begin … end − 1; returns pᵀq of all threads."""
+    _turn(begin * BLOCK, nodes_of(end - 1, len(p))[1], z, p.dtype.type(beta), p)
+    wait(member)
+    for block in range(begin, end):
+        first, last = nodes_of(block, len(p))
+        multiply(first, last, A, p, q)
+        sums[0, block] = _dot(first, last, p, q)
+    wait(member)
+    return total(sums[0])
+
+
+@inner
+def _check(pq: float, rz: float, least: float) -> int:
     """NOT_FINITE or INDEFINITE if pᵀq or rᵀz shows it, else OUT_OF_ITERATIONS."""
     if not np.isfinite(pq) or not np.isfinite(rz):
         return NOT_FINITE
-    if pq <= 0.0 or rz <= 0.0:
+    if pq <= least or rz <= 0.0:
         return INDEFINITE
     return OUT_OF_ITERATIONS
 
@@ -189,29 +229,6 @@ def _turn(begin: int, end: int, z: Array, beta: float, p: Array) -> None:
 
 
 @inner
-def _multiply(begin: int, end: int, A: BlockRows, p: Array, q: Array) -> float:
-    """q = A p of rows begin … end − 1; returns their part of pᵀq. p and q are (n, 3)."""
-    indptr = A.indptr
-    indices = A.indices
-    values = A.values
-    pq = 0.0
-    for node in range(begin, end):
-        i = np.uintp(node)
-        q1 = q2 = q3 = 0.0
-        for s in range(indptr[i], indptr[i + 1]):
-            j = indices[s]
-            p1, p2, p3 = p[j, 0], p[j, 1], p[j, 2]
-            q1 += values[s, 0, 0] * p1 + values[s, 0, 1] * p2 + values[s, 0, 2] * p3
-            q2 += values[s, 1, 0] * p1 + values[s, 1, 1] * p2 + values[s, 1, 2] * p3
-            q3 += values[s, 2, 0] * p1 + values[s, 2, 1] * p2 + values[s, 2, 2] * p3
-        q[i, 0] = q1
-        q[i, 1] = q2
-        q[i, 2] = q3
-        pq += p[i, 0] * q1 + p[i, 1] * q2 + p[i, 2] * q3
-    return pq
-
-
-@inner
 def _move(begin: int, end: int, alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
     """x += α p, r −= α q of nodes begin … end − 1; returns rᵀ r."""
     rr = 0.0
@@ -222,13 +239,29 @@ def _move(begin: int, end: int, alpha: float, p: Array, q: Array, x: Array, r: A
 
 @inner
 def _advance(
-    begin: int, end: int, alpha: float, p: Array, q: Array, inverse: Array, x: Array, r: Array,
-    z: Array,
+    begin: int, end: int, alpha: float, inverse: Array, x: Array, vectors: Vectors, sums: Array,
+    member: Member,
 ) -> tuple[float, float]:  # fmt: skip
-    """x += α p, r −= α q, z = M⁻¹ r of nodes begin … end − 1; returns rᵀ z and rᵀ r of these.
+    """x += α p, r −= α q and z = M⁻¹ r in blocks begin … end − 1; return rᵀz and rᵀr of all."""
+    for block in range(begin, end):
+        first, last = nodes_of(block, len(x))
+        step_length = x.dtype.type(alpha)
+        sums[1, block], sums[2, block] = _advance_nodes(
+            first, last, step_length, inverse, x, vectors
+        )
+    wait(member)
+    return total(sums[1]), total(sums[2])
+
+
+@inner
+def _advance_nodes(
+    begin: int, end: int, alpha: Any, inverse: Array, x: Array, vectors: Vectors
+) -> tuple[float, float]:
+    """`_advance` for nodes begin … end − 1; returns rᵀ z and rᵀ r of these.
 
     `inverse` (n, 6) has the entries 11, 22, 33, 23, 13, 12 of the symmetric blocks of M⁻¹.
     """
+    r, z, p, q = vectors
     rz = rr = 0.0
     for node in range(begin, end):
         i = np.uintp(node)

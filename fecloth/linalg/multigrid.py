@@ -22,7 +22,7 @@ Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, s
 import math
 import time
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -33,7 +33,7 @@ from fecloth.compiled.team import SMALLEST_SHARED_LOOP
 from fecloth.compiled.threads import ONLY, Member, part_of, wait
 from fecloth.linalg import aggregation
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.conjugate_gradients import CONVERGED, OUT_OF_ITERATIONS, step
+from fecloth.linalg.conjugate_gradients import CONVERGED, OUT_OF_ITERATIONS, START, step
 from fecloth.linalg.gauss_seidel import (
     SweepOrder,
     permute,
@@ -42,8 +42,16 @@ from fecloth.linalg.gauss_seidel import (
     sweep_forward,
     sweep_residual,
 )
+from fecloth.linalg.mixed_precision import BEGIN, Progress, status_of_round
 from fecloth.linalg.pcg import PCG, invert_diagonal
-from fecloth.linalg.protocol import BlockRows, SolveInfo, block_rows, subtract_product
+from fecloth.linalg.protocol import (
+    BlockRows,
+    SolveInfo,
+    block_rows,
+    relative_residual,
+    subtract_product,
+)
+from fecloth.linalg.reductions import squared_norm
 
 
 @dataclass(frozen=True)
@@ -254,6 +262,7 @@ class Multigrid(PCG):
     name = "multigrid"
     symmetric = True
     keeps_state = True
+    takes_single = False
 
     def __init__(self, max_iterations: int = 10_000):
         super().__init__(max_iterations)
@@ -313,26 +322,50 @@ class Multigrid(PCG):
         self._extra_iterations += max(0.0, info.iterations - self._first_rate * goal)
         return x, info
 
-    def _loop(
-        self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, member: Member
-    ) -> tuple[int, int]:
-        """Iterate as one of the threads; return the number of iterations and the status.
+    def _solve(self, A: BlockMatrix, b: np.ndarray, x: np.ndarray, rtol: float) -> Progress:
+        """Solve A x = b from x, which becomes the solution; return how it ended.
 
-        It overrides the loop of `PCG`, by iterations whose M⁻¹ r is a cycle of multigrid. The
-        parameters are as there.
+        The iterations are in float64. They begin again from the true residual as in
+        `solve_by_cg`.
+        """
+        r = self._work.double.r
+        bb = squared_norm(b)
+        r[:] = b
+        reached = float(bb > 0.0)
+        if x.any():
+            reached = relative_residual(A, b, bb, x, r)
+        progress = BEGIN._replace(status=CONVERGED, reached=reached, bb=bb)
+        loop = partial(self._loop, A, x, rtol * rtol * bb)
+        while not progress.reached <= rtol and progress.status == CONVERGED:
+            start = progress._replace(status=OUT_OF_ITERATIONS, carry=START)
+            progress = self._iterate(A, loop, start)
+            reached = relative_residual(A, b, bb, x, r)
+            if progress.status == CONVERGED:
+                status = status_of_round(False, start.reached, reached, rtol)
+                progress = progress._replace(status=status)
+            progress = progress._replace(reached=reached)
+        return progress
+
+    def _loop(
+        self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, progress: Progress,
+        member: Member,
+    ) -> Progress:  # fmt: skip
+        """Iterate as one of the threads until ‖r‖² <= `threshold`, up to iteration `limit`.
+
+        M⁻¹ r of an iteration is a cycle of multigrid. `progress` is what the call before
+        returned.
         """
         rows = block_rows(A)
-        rz = self._carry[0]  # of the iteration before; −1 for a start
-        status = OUT_OF_ITERATIONS
-        j = 0
+        rz = progress.carry.rz  # of the iteration before; −1 for a start
+        status = progress.status
+        j = progress.iterations
         while j < limit and status == OUT_OF_ITERATIONS:
-            z = cycle(self._levels, self._vectors.r, member)
-            vectors = self._vectors._replace(z=z)
-            rz, status = step(rows, x, vectors, self._sums, rz, threshold, member)
+            z = cycle(self._levels, self._work.double.r, member)
+            vectors = self._work.double._replace(z=z)
+            rz, status = step(rows, x, vectors, self._work.sums, rz, threshold, member)
             j += status in (CONVERGED, OUT_OF_ITERATIONS)
-        if member.thread == 0:
-            self._carry[0] = rz
-        return j, status
+        carry = START._replace(rz=rz)
+        return progress._replace(iterations=j, status=status, carry=carry)
 
 
 # The load and the correction of a level that does not exist: below the coarsest one.

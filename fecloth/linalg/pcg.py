@@ -1,6 +1,8 @@
 """Conjugate gradients with a 3×3 block-Jacobi preconditioner."""
 
 import time
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -13,11 +15,10 @@ from fecloth.linalg.conjugate_gradients import (
     INDEFINITE,
     NOT_FINITE,
     OUT_OF_ITERATIONS,
-    Vectors,
-    conjugate_gradients,
+    STANDS_STILL,
 )
-from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual
-from fecloth.linalg.reductions import BLOCK
+from fecloth.linalg.mixed_precision import BEGIN, Progress, Work, solve_by_cg
+from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments
 
 
 def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
@@ -75,12 +76,14 @@ class PCG:
     name = "pcg"
     symmetric = True
     keeps_state = False
+    takes_single = True  # it iterates in float32 where the tolerance allows it
 
     def __init__(self, max_iterations: int = 10_000):
         self.max_iterations = max_iterations
         self.prepared = 0  # number of calls of `prepare`
         self._A: BlockMatrix | None = None
         self._inverse = np.empty((0, 6))
+        self._work = Work.allocate(0, 0)
 
     def prepare(self, A: BlockMatrix) -> None:
         """Take a new matrix A, and invert its diagonal blocks.
@@ -92,12 +95,10 @@ class PCG:
         self._A = None
         self.prepared += 1
         n = len(A.pattern)
-        if len(self._inverse) != n:
+        blocks_in_single = len(A.values) if self.takes_single else 0
+        if len(self._inverse) != n or len(self._work.values) != blocks_in_single:
             self._inverse = np.empty((n, 6))
-            r, z, p, q = np.zeros((4, n, 3))
-            self._vectors = Vectors(r, z, p, q)
-            self._sums = np.empty((3, -(-n // BLOCK)))  # the number of blocks, rounded up
-            self._carry = np.empty(3)
+            self._work = Work.allocate(n, blocks_in_single)
         invert_diagonal(A, self._inverse, self.name)
         self._A = A
         self._seconds = time.perf_counter() - begin
@@ -113,31 +114,17 @@ class PCG:
         """
         begin = time.perf_counter()
         A, b, bb = check_arguments(self._A, b, rtol)
-        x = np.zeros_like(b)
-        r = self._vectors.r
-        threshold = rtol * rtol * bb
-        iterations = 0
-        if guess is None or bb == 0.0:
-            r[:] = b
-            reached = float(bb > 0.0)
-        else:
-            x[:] = guess
-            reached = relative_residual(A, b, bb, x, r)
-        while not reached <= rtol:
-            iterations_left = self.max_iterations - iterations
-            count, status = self._iterate(A, x, threshold, limit=iterations_left)
-            iterations += count
-            # Round-off makes the recurrence of r drift away from the true residual. Restart from
-            # the true residual as long as this reduces it.
-            reached_before = reached
-            reached = relative_residual(A, b, bb, x, r)
-            try:
-                self._check(status, iterations, reached_before, reached, rtol)
-            except IndefiniteMatrix as failure:
-                failure.so_far = x if iterations else None
-                raise
+        start = np.zeros_like(b) if guess is None or bb == 0.0 else guess
+        x = start.copy()
+        progress = self._solve(A, b, x, rtol)
+        try:
+            self._check(progress, rtol)
+        except IndefiniteMatrix as failure:
+            failure.so_far = None if np.array_equal(x, start) else x
+            raise
         seconds = time.perf_counter() - begin
-        return x, SolveInfo(self.name, iterations, reached, self._seconds, seconds)
+        cost = progress.iterations, progress.reached, self._seconds, seconds
+        return x, SolveInfo(self.name, *cost)
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
         """Nothing to do: every step is solved alike."""
@@ -145,66 +132,49 @@ class PCG:
     def drop(self) -> None:
         """Nothing to do: a solve depends on the prepared matrix only."""
 
+    def _solve(self, A: BlockMatrix, b: np.ndarray, x: np.ndarray, rtol: float) -> Progress:
+        """Solve A x = b from x, which becomes the solution; return how it ended."""
+
+        def loop(limit: int, progress: Progress, member: Member) -> Progress:
+            rows = block_rows(A)
+            return solve_by_cg(rows, self._inverse, b, x, self._work, rtol, limit, progress, member)
+
+        return self._iterate(A, loop, BEGIN)
+
     def _iterate(
-        self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
-    ) -> tuple[int, int]:
-        """Iterate from x until ‖r‖² <= `threshold`, at most `limit` times; x is overwritten.
+        self, A: BlockMatrix, loop: Callable[[int, Progress, Member], Progress], progress: Progress
+    ) -> Progress:
+        """Call loop(limit, progress, member), on one thread or on all, until it is done.
 
-        Return the number of iterations, and the status as `conjugate_gradients` does. The
-        iterations are done in portions, which the team times.
+        It is called in portions of `max_iterations`, which the team times; each goes on from the
+        progress of the one before.
         """
-        team = A.team if A.team.shares(len(x)) else ALONE
-        self._carry[0] = -1.0  # a start
-        done = 0
-        status = OUT_OF_ITERATIONS
-        while status == OUT_OF_ITERATIONS and done < limit:
-            most = team.portion(self.name, limit - done)
-            count, status = self._share(team, A, x, threshold, most)
-            done += count
-        return done, status
+        team = A.team if A.team.shares(len(A.pattern)) else ALONE
+        while progress.status == OUT_OF_ITERATIONS and progress.iterations < self.max_iterations:
+            left = self.max_iterations - progress.iterations
+            limit = progress.iterations + team.portion(self.name, left)
+            progress = self._share(team, partial(loop, limit, progress), progress.iterations)
+        return progress
 
-    def _share(
-        self, team: Team, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
-    ) -> tuple[int, int]:
-        """Do the iterations of a portion, on one thread or on all, as the team decides."""
+    def _share(self, team: Team, portion: Callable[[Member], Progress], done: int) -> Progress:
+        """Do a portion after `done` iterations, on one thread or on all, as the team decides."""
 
-        def loop(member: Member) -> tuple[int, int]:
-            return self._loop(A, x, threshold, limit, member)
-
-        def together() -> tuple[int, int]:
+        def together() -> Progress:
             sharing = members(team.count)
-            return team.run(lambda p: loop(sharing[p]), sharing[0].meeting)
+            return team.run(lambda p: portion(sharing[p]), sharing[0].meeting)
 
-        return team.do(self.name, lambda: loop(ONLY), together, count=lambda result: result[0])
+        def count(after: Progress) -> int:
+            return after.iterations - done
 
-    def _loop(
-        self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, member: Member
-    ) -> tuple[int, int]:
-        """Iterate as one of the threads; return the number of iterations and the status.
+        return team.do(self.name, lambda: portion(ONLY), together, count)
 
-        The parameters are as in `conjugate_gradients`. A subclass may override it.
-        """
-        return conjugate_gradients(
-            block_rows(A),
-            self._inverse,
-            x,
-            self._vectors,
-            self._sums,
-            self._carry,
-            threshold,
-            limit,
-            member,
-        )
+    def _check(self, progress: Progress, rtol: float) -> None:
+        """Raise the error of a solve that has not converged.
 
-    def _check(
-        self, status: int, iterations: int, before: float, reached: float, rtol: float
-    ) -> None:
-        """Raise the error of a status, or of a residual that a restart no longer halves.
-
-        `before` and `reached` are the relative residuals at the last restart and now. Raises
-        `IndefiniteMatrix` if A is not positive definite, and `SolveFailed` otherwise.
+        Raises `IndefiniteMatrix` if A is not positive definite, and `SolveFailed` otherwise.
         """
         name = self.name
+        iterations, status, reached, *_ = progress
         done = amount(iterations, "iteration")
         if status == NOT_FINITE:
             raise SolveFailed(f"{name} found a number that is not finite in {done}")
@@ -215,6 +185,6 @@ class PCG:
         if status == OUT_OF_ITERATIONS:
             reason = f"{name} spent max_iterations = {self.max_iterations}; use a direct solver"
             raise SolveFailed(reason, reached, rtol)
-        if reached > max(rtol, 0.5 * before):
+        if status == STANDS_STILL:
             reason = f"{name} stands still at round-off after {done}; use a direct solver"
             raise SolveFailed(reason, reached, rtol)

@@ -151,7 +151,7 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
             used += 150 * len(term.nodes)
     used += 18 * blocks  # less than the matrix: what binding takes is free by then
     if solver == "pcg":
-        used += 110 * blocks  # the matrices of the error in time
+        used += 146 * blocks  # the matrices of the error in time, and A in float32
     if solver == "multigrid":
         used += MULTIGRID_PER_NODE * n + MULTIGRID_PER_BLOCK * blocks
     if solver == "direct":

@@ -28,9 +28,8 @@ KERNELS = {
     "dihedral_angle": {"angles"},
     # Newton's equations
     "block_matrix": {"_find_slots", "add_mass"},
-    "conjugate_gradients": {"conjugate_gradients"},
+    "mixed_precision": {"solve_by_cg"},
     "pcg": {"invert_blocks"},
-    "protocol": {"residual"},
     "reductions": {"dot", "weighted_dot", "weighted_sum"},
     "threads": {"wait"},
     # the errors in time and space, and the shape

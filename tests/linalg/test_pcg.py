@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from support.matrices import load, reference, relative, sheet
+from support.matrices import load, relative, sheet
 
 from fecloth.errors import IndefiniteMatrix, InputError, SolveFailed
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.conjugate_gradients import CONVERGED
+from fecloth.linalg.conjugate_gradients import CONVERGED, STANDS_STILL
+from fecloth.linalg.mixed_precision import status_of_round
 
 
 @pytest.mark.parametrize("signs", [(-1, 1, 1), (1, 1, -1), (-1, -1, 1), (1, -1, -1), (1, 1, 0)])
@@ -130,24 +131,9 @@ def test_an_indefinite_matrix_leaves_a_direction_of_descent():
     assert 0.5 * (x * Ax).sum() - (b * x).sum() < 0 < (b * x).sum()
 
 
-@pytest.mark.parametrize(("left", "goes_on"), [(0.4, True), (0.625, False)])
-def test_a_restart_must_halve_the_residual(left, goes_on):
-    """Rounds whose recurrence says that all is done, but which leave a part of the residual."""
-
-    class Drifting(select.PCG):
-        def _iterate(self, A, x, threshold, limit):
-            x += (1 - left) * (solution - x)
-            return 1, CONVERGED
-
-    A = sheet(m=5)
-    b = load(A)
-    solution, solver = reference(A, b), Drifting()
-    solver.prepare(A)
-    if goes_on:
-        x, info = solver.solve(b, rtol=1e-4)
-        assert relative(A, x, b) <= 1e-4
-        assert info.iterations == 11  # 0.4¹¹ < 1e-4 < 0.4¹⁰
-        return
-    with pytest.raises(SolveFailed, match="stands still at round-off after 1 iteration") as caught:
-        solver.solve(b, rtol=1e-4)
-    assert caught.value.residual == pytest.approx(left)
+def test_a_round_in_float64_must_halve_the_residual():
+    rtol = 1e-4
+    assert status_of_round(False, 1.0, 0.5, rtol) == CONVERGED
+    assert status_of_round(False, 1.0, 0.51, rtol) == STANDS_STILL
+    assert status_of_round(False, 1.5e-4, 1e-4, rtol) == CONVERGED  # near enough
+    assert status_of_round(True, 1.0, 2.0, rtol) == CONVERGED  # float64 comes after float32

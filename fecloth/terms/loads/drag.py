@@ -185,30 +185,28 @@ class BoundDrag(BoundTerm):
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wv D + wx K, without K if J must be symmetric or `definite`."""
-        gradient = STILL_AIR.gradient(x, t)
+        u = self._air(x, t)
         if self.symmetric or definite:
             wx = 0.0  # K is not symmetric
+            gradient = np.zeros((1, 3, 3))
         else:
             gradient = self.wind.gradient(self._centroids(x), t)
-        self.loop.add_blocks(partial(self._tangent, self._air(x, t), gradient, x, v, wx, wv), J)
+        self.loop.add_blocks(partial(self._tangent, u, gradient, x, v, float(wx), float(wv)), J)
 
     def tangent_calls(self, x, v, t, wx, wv, J, definite) -> Calls | None:
+        if not (self.symmetric or definite):
+            return None  # the gradient of the wind needs Python
         compiled = self.wind.compiled(self.nodes, x, t)
         if compiled is None:
             return None
         u, calls = compiled
-        gradient = STILL_AIR.gradient(x, t)
-        if self.symmetric or definite:
-            wx = 0.0
-        elif len(u) > 1:  # the gradient of a field needs Python
-            return None
-        call = partial(self._tangent, u, gradient, x, v, wx, wv)
+        call = partial(self._tangent, u, np.zeros((1, 3, 3)), x, v, 0.0, wv)
         return [*calls, self.loop.shared_add_blocks(call, J)]
 
     def _tangent(self, u, gradient, x, v, wx, wv, part, values) -> Call:
+        of_part = self.nodes[part], self.loop.slots[part]
         air = by_triangle(u, part), by_triangle(gradient, part)
-        arrays = self.nodes[part], self.loop.slots[part]
-        return add_tangent, (*arrays, self.law, *air, x, v, wx, wv, values)
+        return add_tangent, (*of_part, self.law, *air, x, v, wx, wv, values)
 
 
 def by_triangle(values: np.ndarray, part: slice) -> np.ndarray:

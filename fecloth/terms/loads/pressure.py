@@ -145,10 +145,12 @@ class BoundPressure(BoundTerm):
         self.loop.add_blocks(partial(self._tangent, self.loop.slots, p, x, float(wx)), J)
 
     def tangent_calls(self, x, v, t, wx, wv, J, definite) -> Calls | None:
+        if definite:
+            return []
         p = np.empty(1)
         calls = self.p.calls(t, p)
-        if definite or calls is None:
-            return [] if definite else None
+        if calls is None:
+            return None
         call = partial(self._tangent, self.loop.slots, p, x, wx)
         return [*calls, self.loop.shared_add_blocks(call, J)]
 
