@@ -4,8 +4,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
 from fecloth.errors import InputError, SolveFailed, brief
 from fecloth.integrators import protocol
 from fecloth.integrators.step import Step

@@ -8,11 +8,14 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 
+from fecloth.compiled.jit import Array, kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.constraints import Constraints
 
 # Relative size of a singular value, or of an eigenvalue of a projector, that counts as zero.
 ZERO_SINGULAR_VALUE = 1e-9
+# The same of an eigenvalue of normal equations, whose round-off is 1e-16.
+ZERO_EIGENVALUE = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +48,7 @@ class Piece:
         m = mass[self.nodes]
         r = x[self.nodes]
         if len(self.held):
-            centre = x[self.held].mean(axis=0)
-            rotations = turns(x[self.held] - centre)
-            v = held_v[self.held]
-            u, omega = fit_motion(self.held_projectors, rotations, v, ZERO_SINGULAR_VALUE)
+            centre, u, omega = self._motion_of_held(x, held_v)
             velocity = _turn(u, omega, r - centre)
             if not self.free_directions.any():
                 return velocity
@@ -64,6 +64,24 @@ class Piece:
         # the pseudo-inverse: nodes on a line have no inertia about it
         omega = np.linalg.pinv(inertia, rcond=ZERO_SINGULAR_VALUE, hermitian=True) @ moment
         return _turn(p[self.nodes].sum(axis=0) / m.sum(), omega, r)
+
+    def _motion_of_held(
+        self, x: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the mean c (3,) of the held nodes, and the u and ω (3,) that fit v best.
+
+        Σ |(I − P)(v − u − ω × (x − c))|² over these nodes is least. If several u and ω fit
+        alike, the result is the shortest.
+        """
+        centre = np.zeros(3)
+        A = np.zeros((6, 6))
+        b = np.zeros(6)
+        size = fill_normal_equations(self.held, self.held_projectors, x, v, centre, A, b)
+        values, vectors = np.linalg.eigh(A)
+        counts = values > ZERO_EIGENVALUE * values[-1]
+        vectors = vectors[:, counts]
+        motion = vectors @ ((b @ vectors) / values[counts])
+        return centre, motion[:3], motion[3:] / size
 
     @cached_property
     def free_directions(self) -> np.ndarray:
@@ -158,3 +176,46 @@ def _turn(u: np.ndarray, omega: np.ndarray, r: np.ndarray) -> np.ndarray:
     (turn,) = turns(-omega[None])  # the matrix of r ↦ ω × r
     velocity: np.ndarray = u + np.einsum("ij,aj->ai", turn, r)
     return velocity
+
+
+@kernel
+def fill_normal_equations(
+    nodes: Array, projectors: Array, x: Array, v: Array, centre: Array, A: Array, b: Array
+) -> float:
+    """Add the normal equations A q = b of a rigid motion q = (u, ω s) that fits v.
+
+    Σ |H (v − u − ω × (x − c))|² over the nodes (h,) is least, with the projectors H (h, 3, 3),
+    the mean c of their positions, which is written to `centre`, and x and v (n, 3). Returns s,
+    the largest |x − c| of a component, or 1 if it is 0.
+    """
+    first = x[nodes[0]]  # nodes at one place have exactly this place as their mean
+    for k in range(3):
+        total = 0.0
+        for i in nodes:
+            total += x[i, k] - first[k]
+        centre[k] = first[k] + total / len(nodes)
+    size = 0.0
+    for i in nodes:
+        for k in range(3):
+            size = max(size, abs(x[i, k] - centre[k]))
+    if size == 0.0:
+        size = 1.0
+    G = np.zeros((3, 6))  # u + ω × r = G q
+    for k in range(3):
+        G[k, k] = 1.0
+    for h in range(len(nodes)):
+        i = nodes[h]
+        for k in range(3):
+            above = (k + 1) % 3
+            below = (k + 2) % 3
+            G[k, 3 + above] = (x[i, below] - centre[below]) / size
+            G[k, 3 + below] = -(x[i, above] - centre[above]) / size
+        for p in range(6):
+            for k in range(3):
+                held = 0.0  # entry k of column p of H G
+                for j in range(3):
+                    held += projectors[h, k, j] * G[j, p]
+                b[p] += held * v[i, k]
+                for q in range(6):
+                    A[p, q] += held * G[k, q]
+    return size

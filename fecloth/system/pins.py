@@ -235,21 +235,24 @@ class Pin:
                 return self.motion.velocity(t)
         return difference_quotient(self.displacement, t, since)
 
-    def at_once(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the displacements [m] and the speeds [m/s] at times (m,) [s].
+    def over_steps(
+        self, begins: np.ndarray, ends: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the displacements over steps [m], and the speeds at their ends [m/s].
 
-        Both are (m, k, 3), or (m, 1, 3) if all nodes move alike. None if each time needs a call
-        of its own: where a function of Python gives the motion or the velocity, or where the
-        formulas have a value that is not finite.
+        `begins` and `ends` (s,) are the times of the steps [s]. Both results are (s, k, 3), or
+        (s, 1, 3) if all nodes move alike. None if each time needs a call of its own: where a
+        function of Python gives the motion or the velocity, or where the formulas have a value
+        that is not finite.
         """
         motion = self.motion
         velocity = self.velocity
         if not isinstance(motion, Motion) or not isinstance(velocity, Motion | None):
             return None
         with suppress(InputError):
-            shape = len(times), -1, 3
-            speeds = velocity(times) if velocity else motion.velocity(times)
-            return motion(times).reshape(shape), speeds.reshape(shape)
+            speeds = velocity(ends) if velocity else motion.velocity(ends)
+            before, after = motion(np.concatenate([begins, ends])).reshape(2, len(ends), -1, 3)
+            return after - before, speeds.reshape(before.shape)
         return None
 
     def check_shape(self, value: np.ndarray, nodes: int) -> None:

@@ -10,7 +10,6 @@ from support.tiers import MASSES, in_turn
 import fecloth as fc
 from fecloth.integrators import METHODS
 from fecloth.system.constraints import Constraints, MotionRows
-from fecloth.system.pins import Motion
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -168,10 +167,12 @@ def test_times_evaluated_at_once_have_the_bits_of_single_ones(motion, nodes, rng
     pin = fc.Pin("left", motion).at(rng.uniform(0.1, 1.0, (nodes, 2)))
     times = np.append(rng.uniform(0.01, 1.0, 60), [2.0, 1.0])
     for some in (times, times[-2:], times[-1:]):
-        for all_, single in zip(pin.at_once(some), (pin.displacement, pin.speed), strict=True):
-            assert all_.shape == (len(some), nodes if "Y" in str(motion) else 1, 3)
-            for t, row in zip(some, all_, strict=True):
-                assert np.array_equal(row.ravel(), single(float(t)).ravel())
+        path, speed = pin.over_steps(0.5 * some, some)
+        assert path.shape == speed.shape == (len(some), nodes if "Y" in str(motion) else 1, 3)
+        for row, t in enumerate(some.tolist()):
+            change = pin.displacement(t) - pin.displacement(0.5 * t)
+            assert np.array_equal(path[row].ravel(), change.ravel())
+            assert np.array_equal(speed[row].ravel(), pin.speed(t).ravel())
 
 
 @pytest.mark.parametrize("method", [fc.CentralDifference(), fc.SymplecticEuler()], ids=repr)
