@@ -21,8 +21,8 @@ class Moves:
 
     Attributes
     ----------
-    clock
-        (1,) size of the step [s].
+    size, t
+        (1,) size of the step, and the time at which the forces are evaluated [s].
     x, old_x
         (n, 3) positions now, and at the begin of the step [m].
     v, old_v
@@ -31,7 +31,8 @@ class Moves:
         (n, 3) velocities that the forces see [m/s].
     """
 
-    clock: np.ndarray
+    size: np.ndarray
+    t: np.ndarray
     x: np.ndarray
     old_x: np.ndarray
     v: np.ndarray
@@ -52,6 +53,8 @@ class Sums(NamedTuple):
         (1,) sum of d · dt v̄, with the mean d of each step [J].
     impulse, last_total
         (3,) ∫ Σ d dt [N s], and Σ d at the last stage [N]; Σ is the sum over the nodes.
+    supplied, last_supplied
+        (1,) work of air without one steady velocity [J], and its power at the last stage [W].
     """
 
     power: np.ndarray
@@ -60,6 +63,8 @@ class Sums(NamedTuple):
     work: np.ndarray
     impulse: np.ndarray
     last_total: np.ndarray
+    supplied: np.ndarray
+    last_supplied: np.ndarray
 
     @classmethod
     def zero(cls) -> Self:
@@ -71,6 +76,8 @@ class Sums(NamedTuple):
             work=np.zeros(1),
             impulse=np.zeros(3),
             last_total=np.zeros(3),
+            supplied=np.zeros(1),
+            last_supplied=np.zeros(1),
         )
 
 
@@ -87,7 +94,10 @@ class Column:
     by_power
         Whether its columns are integrals of power; otherwise of force along a displacement.
     air
-        (3,) velocity u of the air [m/s], against which the term dissipates.
+        (3,) velocity u of the air [m/s], against which the term dissipates. It is 0 for air
+        without one steady velocity.
+    supply
+        (1,) power of such air now [W].
     base
         (n, 3) the force without d [N].
     force, last
@@ -101,6 +111,7 @@ class Column:
     supplies: bool
     by_power: bool
     air: np.ndarray
+    supply: np.ndarray
     base: np.ndarray
     force: np.ndarray
     last: np.ndarray
@@ -115,13 +126,14 @@ class Column:
         if not self.by_power:
             return subtract_from, (f, self.base, self.force)
         arguments = (
-            moves.clock,
+            moves.size,
             moves.x,
             moves.old_x,
             moves.ahead,
             f,
             self.base,
             self.last,
+            self.supply,
             self.sums,
         )
         return add_power, arguments
@@ -131,7 +143,7 @@ class Column:
         if self.by_power:
             return []
         arguments = (
-            moves.clock,
+            moves.size,
             moves.x,
             moves.old_x,
             moves.v,
@@ -144,7 +156,8 @@ class Column:
 
     def start(self) -> None:
         """Begin again, after the forces were evaluated at the begin of the first step."""
-        for total in (self.sums.power, self.sums.path, self.sums.work, self.sums.impulse):
+        sums = self.sums
+        for total in (sums.power, sums.path, sums.work, sums.impulse, sums.supplied):
             total[:] = 0.0
         if not self.by_power:
             self.last[:] = self.force
@@ -152,14 +165,18 @@ class Column:
     @property
     def dissipated(self) -> float:
         """∫ −d · (v − u) dt [J]."""
-        return float(self.sums.impulse @ self.air - self.sums.power[0])
+        return self._work_of_air - float(self.sums.power[0])
 
     @property
     def work(self) -> float:
         """∫ d · u dt of the air, otherwise Σ d · dt v̄ [J]."""
         if self.by_power:
-            return float(self.sums.impulse @ self.air)
+            return self._work_of_air
         return float(self.sums.work[0])
+
+    @property
+    def _work_of_air(self) -> float:
+        return float(self.sums.impulse @ self.air + self.sums.supplied[0])
 
     @property
     def unrecorded(self) -> float:
@@ -169,27 +186,26 @@ class Column:
 
 
 def bind_columns(system: System, shape: tuple[int, int]) -> tuple[Column, ...] | None:
-    """Return the columns of a system's terms, or None if a term has columns that need Python.
+    """Return the columns of a system's terms; terms without columns are left out.
 
-    Those are the columns of a term whose air does not have one steady velocity. Terms without
-    columns are left out. `shape` is (n, 3).
+    None if a term has columns that need Python: if it has an energy, as a tether, and moves.
+    `shape` is (n, 3).
     """
     columns = []
     for name, term in zip(system.names, system.bound, strict=True):
         by_power = has_power_column(term)
         if not (by_power or has_work_column(term)):
             continue
-        air: np.ndarray | None = np.zeros(3)
-        if by_power and term.supplies:
-            air = term.steady_air  # None if it depends on place or time
-        if air is None:
+        if term.has_energy and term.supplies:
             return None
+        steady = term.steady_air if by_power and term.supplies else None
         column = Column(
             name=name,
             dissipates=term.dissipative,
             supplies=term.supplies,
             by_power=by_power,
-            air=air,
+            air=np.zeros(3) if steady is None else steady,
+            supply=np.zeros(1),
             base=np.zeros(shape),
             force=np.zeros(shape),
             last=np.zeros(shape),
@@ -211,15 +227,25 @@ def subtract_from(f: Array, base: Array, difference: Array) -> None:
 
 @kernel
 def add_power(
-    clock: Array, x: Array, old: Array, v: Array, f: Array, base: Array, last: Array, sums: Sums
+    size: Array,
+    x: Array,
+    old: Array,
+    v: Array,
+    f: Array,
+    base: Array,
+    last: Array,
+    supply: Array,
+    sums: Sums,
 ) -> None:
     """Add a step's integrals of d = f − base to the sums; last = d.
 
-    They are by the trapezoidal rule. `clock` (1,) is the size dt of the step, `x` and `old`
+    They are by the trapezoidal rule. `size` (1,) is the size dt of the step, `x` and `old`
     (n, 3) are the positions at its end and its begin, and v are the velocities that the force
-    has seen.
+    has seen. `supply` (1,) is the power of unsteady air.
     """
-    half = 0.5 * clock[0]
+    half = 0.5 * size[0]
+    sums.supplied[0] += half * (sums.last_supplied[0] + supply[0])
+    sums.last_supplied[0] = supply[0]
     # a sum for each component: they do not wait for one another
     power1 = 0.0
     power2 = 0.0
@@ -255,7 +281,7 @@ def add_power(
 
 @kernel
 def add_work(
-    clock: Array, x: Array, old_x: Array, v: Array, old_v: Array, d: Array, last: Array, sums: Sums
+    size: Array, x: Array, old_x: Array, v: Array, old_v: Array, d: Array, last: Array, sums: Sums
 ) -> None:
     """Add the work of d (n, 3) in a step to the sums; last = d.
 
@@ -271,7 +297,7 @@ def add_work(
             work += twice_mean * (v[i, k] + old_v[i, k])
             last[i, k] = d[i, k]
     sums.path[0] += 0.5 * path
-    sums.work[0] += 0.25 * clock[0] * work
+    sums.work[0] += 0.25 * size[0] * work
 
 
 def force_calls(
@@ -288,7 +314,7 @@ def force_calls(
     x = moves.x
     v = moves.ahead
     for name, term in zip(system.names, system.bound, strict=True):
-        calls_of_force = compiled_force(term, x, v, f)
+        calls_of_force = compiled_force(term, x, v, moves.t, f)
         if calls_of_force is None:
             return None
         column = columns_by_name.get(name)
@@ -297,17 +323,26 @@ def force_calls(
             continue
         calls.append((copy, (f, column.base)))
         if term.has_energy:  # at v = 0 its force is the elastic force alone
-            calls += compiled_force(term, x, np.zeros_like(v), column.base) or []
-        calls += [*calls_of_force, column.at_force(f, moves)]
+            calls += compiled_force(term, x, np.zeros_like(v), moves.t, column.base) or []
+        calls += calls_of_force
+        if column.by_power and column.supplies and term.steady_air is None:
+            calls_of_supply = term.supply_calls(x, v, moves.t, column.supply)
+            if calls_of_supply is None:
+                return None
+            calls += calls_of_supply
+        calls.append(column.at_force(f, moves))
     return calls
 
 
-def compiled_force(term: Any, x: np.ndarray, v: np.ndarray, f: np.ndarray) -> Calls | None:
-    """Return the calls of a term's force, or None where it needs Python."""
+def compiled_force(term: Any, x: Array, v: Array, t: Array, f: Array) -> Calls | None:
+    """Return the calls of a term's force, or None where it needs Python.
+
+    The arguments are as for `BoundTerm.force_calls`.
+    """
     its_calls = calls_of(term, "add_force", "force_calls")
     if its_calls is None:
         return None
-    return its_calls(x, v, 0.0, f)
+    return its_calls(x, v, t, f)
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,7 +364,7 @@ class SharedForces:
     def divide(cls, calls: Calls, threads: int) -> Self:
         """Divide calls among threads; what cannot be divided is for the first thread."""
         all_members = members(threads)
-        calls_of_threads: list[list[Call]] = [[] for _ in all_members]
+        calls_of_threads: list[list[AnyCall]] = [[] for _ in all_members]
         for shared in calls:
             for own, member in zip(calls_of_threads, all_members, strict=True):
                 own += [*_part_of_call(shared, member.thread, threads), (wait, (member,))]
@@ -342,7 +377,7 @@ class SharedForces:
             member.round_[0] = 1
 
 
-def _part_of_call(call: AnyCall, p: int, threads: int) -> list[Call]:
+def _part_of_call(call: AnyCall, p: int, threads: int) -> Calls:
     """Return the calls that thread p makes in place of one call for all nodes.
 
     It gets its own part of a call that can be divided. The first thread, p = 0, makes a call
@@ -350,7 +385,7 @@ def _part_of_call(call: AnyCall, p: int, threads: int) -> list[Call]:
     """
     if isinstance(call, SharedCall):
         return call.of_thread(p)
-    function, arguments = call
+    function, arguments = call[:2]
     if function in BY_ROWS or function in (copy, subtract_from):
         rows = (_rows_of(value, p, threads) for value in arguments)
         return [(function, tuple(rows))]

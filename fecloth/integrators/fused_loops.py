@@ -87,8 +87,8 @@ class Pauses(NamedTuple):
         period − 1.
     least, largest
         Stretches beyond which no further step is taken.
-    clock
-        (1,) size of the step [s].
+    size, t
+        (1,) size of the step, and the time at its end [s].
     stretches
         (2,) the least and the largest stretch.
     stop
@@ -102,7 +102,8 @@ class Pauses(NamedTuple):
     period: int
     least: float
     largest: float
-    clock: np.ndarray
+    size: np.ndarray
+    t: np.ndarray
     stretches: np.ndarray
     stop: np.ndarray
 
@@ -187,11 +188,18 @@ def pin_work(
 
 @rounded_kernel
 def take_steps(
-    forces: int, sizes: Array, pauses: Pauses, held: Held, fields: Fields, member: Member
+    forces: int,
+    sizes: Array,
+    ends: Array,
+    pauses: Pauses,
+    held: Held,
+    fields: Fields,
+    member: Member,
 ) -> int:
     """Take steps of central differences in place; return the number of steps taken.
 
-    They are fewer than the `sizes` (s,) [s] if a stretch is beyond the limits of `pauses`.
+    `sizes` (s,) are their sizes and `ends` (s,) the times at their ends [s]. They are fewer than
+    s if a stretch is beyond the limits of `pauses`.
     Each thread calls this with the address of its own `forces`, and moves its own nodes. The
     first thread does what needs all nodes: the held nodes, the ledger, and the look at
     stretches. At each `wait` the threads wait for each other.
@@ -217,7 +225,8 @@ def take_steps(
         dt = sizes[s]
         row = min(s, len(path) - 1)  # one row for all steps where no pin moves
         if is_first and stop[0] == 0:
-            pauses.clock[0] = dt
+            pauses.size[0] = dt
+            pauses.t[0] = ends[s]
             call(pauses.before)
             for n in range(len(at)):  # keep the begin of the step, for the work of the pins
                 for k in range(3):

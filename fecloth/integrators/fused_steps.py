@@ -131,7 +131,8 @@ class FusedSteps:
             return None
         fields = _make_fields(system)
         moves = Moves(
-            clock=np.zeros(1),
+            size=np.zeros(1),
+            t=np.zeros(1),
             x=fields.x,
             old_x=np.zeros_like(fields.x),
             v=fields.v,
@@ -205,12 +206,12 @@ class FusedSteps:
         self._begin_at(state, memory)
         energy_at_begin = self._energy_of_kicks(dt)
         pauses = self._make_pauses(look, least, largest)
-        number = self._go(sizes[:before_last], held.over(slice(0, before_last)), pauses)
+        number = self._go(rows, held, slice(0, before_last), pauses)
         end, end_memory = self._read_end(rows, number)
         step = None
         if not pauses.stop[0]:
             no_pauses = self._make_pauses(NO_LOOK, least, largest)
-            self._go(sizes[before_last:], held.over(slice(before_last, None)), no_pauses)
+            self._go(rows, held, slice(before_last, len(sizes)), no_pauses)
             new, new_memory = self._read_end(rows, len(sizes))
             forces = (end_memory.at, end_memory.a), (new_memory.at, new_memory.a)
             step = Step(
@@ -247,6 +248,7 @@ class FusedSteps:
         fields.a[:] = memory.a
         if self.columns:
             self.moves.old_x[:] = state.x
+            self.moves.t[0] = memory.at.t
             fields.ahead[:] = memory.at.v
             fields.f[:] = 0.0
             self.forces()
@@ -279,31 +281,36 @@ class FusedSteps:
             period=period,
             least=least,
             largest=largest,
-            clock=self.moves.clock,
+            size=self.moves.size,
+            t=self.moves.t,
             stretches=self.stretches,
             stop=np.zeros(1, np.int64),
         )
 
-    def _go(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
-        """Take steps, in portions that the team times; return their number."""
+    def _go(self, rows: MotionRows, held: Held, steps: slice, pauses: Pauses) -> int:
+        """Take a range of the steps, in portions that the team times; return their number."""
+        begin = steps.start
+        number = steps.stop - begin
         done = 0
-        while done < len(sizes) and not pauses.stop[0]:
-            end = done + self._team.portion("steps", len(sizes) - done)
-            held_in_portion = held.over(slice(done, end))
+        while done < number and not pauses.stop[0]:
+            end = done + self._team.portion("steps", number - done)
             pauses_in_portion = pauses._replace(phase=pauses.phase + done)  # it counts from 0 on
-            done += self._take_portion(sizes[done:end], held_in_portion, pauses_in_portion)
+            portion = slice(begin + done, begin + end)
+            done += self._take_portion(rows, held.over(portion), portion, pauses_in_portion)
         return done
 
-    def _take_portion(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
-        """Take a portion of steps on one thread or on all, as the team decides.
+    def _take_portion(self, rows: MotionRows, held: Held, steps: slice, pauses: Pauses) -> int:
+        """Take a portion of the steps on one thread or on all, as the team decides.
 
-        Return the number of steps taken: fewer than `sizes` (s,) if a stretch is beyond its
-        limits.
+        Return the number of steps taken: fewer than those of the portion if a stretch is beyond
+        its limits.
         """
         team = self._team
+        sizes = rows.sizes[steps]
+        ends = rows.reached[steps]
 
         def take(forces: int, member: Member) -> int:
-            return take_steps(forces, sizes, pauses, held, self.fields, member)
+            return take_steps(forces, sizes, ends, pauses, held, self.fields, member)
 
         def alone() -> int:
             return take(self.forces.address, ONLY)

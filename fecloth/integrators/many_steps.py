@@ -115,9 +115,10 @@ def _refused(system: System) -> InputError:
         what = f"mass = {system.mass_kind!r}"
         return InputError(what, "must be 'lumped'", "many_steps", remedy)
     x, v, f = np.zeros((3, len(system.cloth.X), 3))
+    t = np.zeros(1)
     for name, term in zip(system.names, system.bound, strict=True):
-        if compiled_force(term, x, v, f) is None:
-            allowed = "must be compiled, and not change with time"
+        if compiled_force(term, x, v, t, f) is None:
+            allowed = "must not need Python in each step"
             return InputError(f"term {name}", allowed, "many_steps", remedy)
     rotating = [name for name, (pin, _) in system.constraints.groups.items() if pin.rotate]
     return InputError(f"pin {rotating[0]!r}", "must not rotate", "many_steps", remedy)

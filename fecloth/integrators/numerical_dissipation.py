@@ -72,7 +72,7 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
     before, after = map(with_dissipating, step.around(system))
     over = with_dissipating(over)
     ends = (before, old) if step.ends else None
-    f = replace(step, over=over, ends=ends).mean_force(before)
+    f = replace(step, over=over, ends=ends, new_force=None).mean_force(before)
     if any(term.has_energy for term in before.bound):  # as contact has, beside its friction
         # their conservative force, where `mean_force` has evaluated the whole force
         places = [(after, step.balanced_at)]

@@ -83,6 +83,8 @@ class Step:
         ends.
     solution
         What was opened and solved, of methods that have `open` and `close`.
+    new_force
+        (n, 3) the force at the new state [N], where the solution has evaluated it last.
     """
 
     state: State
@@ -99,6 +101,7 @@ class Step:
     size: float | None = None
     first_force: np.ndarray | None = None
     solution: Solution | None = None
+    new_force: np.ndarray | None = None
 
     def around(self, system: System) -> tuple[System, System]:
         """The system with the history of its terms before, and after the step."""
@@ -115,7 +118,10 @@ class Step:
     def end_forces(self) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) forces [N] at both ends."""
         system, old = self._both_ends()
-        return system.force(old), (self.over or system).force(self.state)
+        new = self.new_force
+        if new is None:
+            new = (self.over or system).force(self.state)
+        return system.force(old), new
 
     def mean_force(self, system: System) -> np.ndarray:
         """Return the force (n, 3) [N] that moved the cloth over the step from `system`.
@@ -325,4 +331,9 @@ class OpensSteps:
             opening.over, opening.stage, solver, guess=opening.guess, dt=begin.dt
         )
         step: Step = self.close(opening, q, counts)
-        return replace(step, solution=Solution(self, opening, begin.memory, q))
+        joined = solver.last_stage.joined
+        return replace(
+            step,
+            solution=Solution(self, opening, begin.memory, q),
+            new_force=joined.force_at(step.state) if joined and step.ends else None,
+        )

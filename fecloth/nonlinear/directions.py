@@ -62,6 +62,8 @@ class Directions:
         self.goal = goal
         self.exact = equation.remedies.order[0]
         self.costs = Costs()
+        # where and with which remedy the matrix was filled
+        self._filled: tuple[Point | None, Remedy] = (None, self.exact)
 
     def find(self, point: Point, remedy: Remedy) -> np.ndarray:
         """The direction s = −J⁻¹ R (n, 3) at a point, from a new matrix with a remedy.
@@ -71,7 +73,7 @@ class Directions:
         """
         begin = time.perf_counter()
         self.factor_reuse.key = None  # the old factor is lost, also if this fails
-        self.equation.assemble(point.y, remedy, self.matrix)
+        self._fill_matrix(point, remedy)
         self.costs.modified += remedy.definite or remedy.shift > 0
         self.costs.factorisations += 1
         self.costs.seconds["assemble"] += time.perf_counter() - begin
@@ -82,6 +84,21 @@ class Directions:
         step = self._solve(point, least_rtol, is_new_factor=True)
         self.factor_reuse.record_factor(self.equation.key(remedy), self.linear_solver)
         return step
+
+    def _fill_matrix(self, point: Point, remedy: Remedy) -> None:
+        """Fill the matrix of a point with a remedy.
+
+        Where it holds the same tangents with less mass, only the mass that is missing is added.
+        """
+        filled_at, filled_with = self._filled
+        self._filled = point, remedy
+        has_tangents = filled_at is point and filled_with.definite == remedy.definite
+        may_add = self.system.mass_kind == "lumped" and self.system.is_whole
+        if not (has_tangents and may_add):
+            self.equation.assemble(point.y, remedy, self.matrix)
+            return
+        mass_weight = self.equation.mass_weight
+        self.system.add_mass(self.matrix, mass_weight(remedy) - mass_weight(filled_with))
 
     def find_with_old_factor(self, point: Point, remedy: Remedy) -> np.ndarray | None:
         """The direction −J⁻¹ R (n, 3) with the factor of an earlier J.

@@ -76,6 +76,9 @@ class Equation(Protocol):
     def assemble(self, y: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
         """J = ∂R/∂y with a remedy, projected onto the free directions."""
 
+    def mass_weight(self, remedy: Remedy) -> float:
+        """The weight of M in the matrix of a remedy."""
+
     def couple(self, y: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
         """J plus the parts of ∂R/∂y outside its pattern, projected too; J itself without any."""
 

@@ -7,7 +7,7 @@ those of the calls one by one.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -17,6 +17,7 @@ from fecloth.compiled.jit import Array, rounded_kernel
 from fecloth.linalg.block_matrix import BlockMatrix, add_mass
 from fecloth.nonlinear.stage import Stage
 from fecloth.system.constraints import project_rows
+from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.loops.shared_loop import SUM_BLOCKS
 from fecloth.terms.protocol import BoundTerm, calls_of
@@ -104,16 +105,14 @@ class JoinedStage:
     arrays: StageArrays
     _joined: dict[str, JoinedCalls] = field(default_factory=dict)
     _placed: np.ndarray | None = None  # the q of the present x, v and a
+    _has_forces: bool = False  # whether f are the forces there
 
     @classmethod
     def of(cls, system: System, matrix: BlockMatrix) -> Self | None:
         """Join the calls of a system; None if a term needs Python, or if threads may share it."""
         if not system.is_whole or system.team.shares(len(system.cloth.triangles)):
             return None
-        terms = tuple(
-            replace(term) if term.step_arrays and is_dataclass(term) else term  # type: ignore[type-var]
-            for term in system.bound
-        )
+        terms = tuple(_own_copy(term) for term in system.bound)
         arrays = StageArrays.of(len(system.cloth.X), len(terms))
         stage = cls(system, terms, matrix, arrays)
         needed = {
@@ -151,6 +150,7 @@ class JoinedStage:
             for array, new in zip(own.step_arrays, term.step_arrays, strict=True):
                 array[...] = new
         self._placed = None
+        self._has_forces = False
 
     # --- evaluation ---------------------------------------------------------------------------
 
@@ -158,7 +158,19 @@ class JoinedStage:
         """R = M a − f (n, 3) of the free directions [N]."""
         self._place(q)
         self._joined["residual"]()
+        self._has_forces = True
         return self.arrays.R.copy()
+
+    def force_at(self, state: State) -> np.ndarray | None:
+        """The forces (n, 3) [N] of a state if they were evaluated there last, else None."""
+        arrays = self.arrays
+        is_there = (
+            self._has_forces
+            and state.t == arrays.t[0]
+            and np.array_equal(state.x, arrays.x)
+            and np.array_equal(state.v, arrays.v)
+        )
+        return arrays.f.copy() if is_there else None
 
     def first_residual(self, q: np.ndarray) -> tuple[np.ndarray, float]:
         """R (n, 3), and ‖M a‖ + Σ ‖f_term‖ with reactions [N]."""
@@ -205,6 +217,7 @@ class JoinedStage:
             self.arrays.q[...] = q
             self._joined["place"]()
             self._placed = q
+            self._has_forces = False
 
     # --- joining ------------------------------------------------------------------------------
 
@@ -304,14 +317,17 @@ class LastStage:
         """The joined calls of a stage of a step, if its terms have such calls."""
         if self.joined is None or not self.joined.serves(system, matrix):
             classes = tuple(type(term) for term in system.bound)
-            if classes == self.refused:
-                return None
-            self.joined = JoinedStage.of(system, matrix)
+            self.joined = None if classes == self.refused else JoinedStage.of(system, matrix)
             if self.joined is None:
                 self.refused = classes
                 return None
         self.joined.begin(system, stage)
         return self.joined
+
+
+def _own_copy(term: Any) -> Any:
+    """A copy of a term over a step, with arrays of its own; any other term itself."""
+    return replace(term) if term.step_arrays else term
 
 
 def _differ_in_arrays(old: BoundTerm, new: BoundTerm) -> bool:

@@ -118,8 +118,13 @@ class StageEquation:
         The scale is ‖M a‖ + Σ ‖f_term‖, reactions included, at the first iterate, where `scale`
         is 0. Later it is returned as it is given.
         """
+        if self.joined and scale:
+            return self.joined.residual(q), scale
         if self.joined:
-            return (self.joined.residual(q), scale) if scale else self.joined.first_residual(q)
+            R, scale = self.joined.first_residual(q)
+            if np.isfinite(scale):
+                return R, scale
+            scale = 0.0  # the terms below raise an error if a load is not finite
         x, v, a = self.stage.at(q)
         system = self.system
         inertia = system.scalar_mass @ a
@@ -163,6 +168,10 @@ class StageEquation:
             return
         self.system.project(self.system.assemble(J, self.state(q), wx, wv, wa, definite))
 
+    def mass_weight(self, remedy: Remedy) -> float:
+        """(1 + σ) wa."""
+        return (1 + remedy.shift) * self.stage.wa
+
     def couple(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
         """J plus what terms couple outside its pattern."""
         _, wx, wv, _, definite = self.key(remedy)
@@ -178,7 +187,7 @@ class StageEquation:
         """The system, the weights of K, D and M, and whether K and D are definite."""
         stage = self.stage
         same = self.system.constraints  # which a system shares with itself over a step
-        return same, stage.wx, stage.wv, (1 + remedy.shift) * stage.wa, remedy.definite
+        return same, stage.wx, stage.wv, self.mass_weight(remedy), remedy.definite
 
     def failure(self, reason: str, point: Point, residual: float) -> NewtonFailed:
         """The error, with what may help."""

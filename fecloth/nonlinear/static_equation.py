@@ -138,10 +138,14 @@ class StaticEquation:
     def assemble(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
         """J = K + σ M."""
         still = np.zeros_like(x)
-        self.system.assemble(J, self.at(x), wa=remedy.shift)
+        self.system.assemble(J, self.at(x), wa=self.mass_weight(remedy))
         for term, factor, t in self.terms():
             term.add_tangent(x, still, t, factor, 0.0, J, remedy.definite)
         self.system.project(J)
+
+    def mass_weight(self, remedy: Remedy) -> float:
+        """σ."""
+        return remedy.shift
 
     def couple(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
         """J plus what terms couple outside its pattern; they are no loads."""

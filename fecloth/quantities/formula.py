@@ -1,7 +1,6 @@
 """Arithmetic written as text, as "0.1*sin(2*pi*t)": parsed once, never executed as code."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -9,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fecloth.compiled.calls import Call
 from fecloth.errors import InputError
-from fecloth.quantities.formula_functions import Closure, compile_tree, derivative
 from fecloth.quantities.formula_syntax import parse
+from fecloth.quantities.formula_tape import Program, Tape
 from fecloth.validation import known
 
 
@@ -44,7 +44,7 @@ class Formula:
     def __post_init__(self) -> None:
         """Raise `InputError` for a text that is not a formula, or an unknown variable in `by`."""
         if not self.by:
-            _ = self._value  # parsed and checked now, not at the first call
+            _ = self._program  # parsed and checked now, not at the first call
         elif self.condition:
             what = f"the derivative of the condition {self.text!r}"
             raise InputError(what, "only numbers have one", "Formula")
@@ -52,8 +52,8 @@ class Formula:
             known(f"derivative by {variable!r}", variable, self.variables, "Formula")
 
     @cached_property
-    def _value(self) -> Closure:
-        return _compile(self.text, self.variables, self.condition, self.by)
+    def _program(self) -> Program:
+        return _compile((self,))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Formula, (self.text, self.variables, self.condition, self.by)
@@ -66,27 +66,21 @@ class Formula:
         """
         arrays = [np.asarray(values[name], dtype=float) for name in self.variables]
         shape = np.broadcast_shapes(*(array.shape for array in arrays))
-        if not shape:
-            return self.at(*map(float, arrays))
-        with np.errstate(all="ignore"):  # values that are not finite are refused below
-            value = np.broadcast_to(self._value(arrays), shape)
-        finite = np.isfinite(value)
-        if not finite.all():
-            first_bad = tuple(np.argwhere(~finite)[0])
-            numbers = [np.broadcast_to(array, shape)[first_bad] for array in arrays]
-            raise self._error(value[first_bad], numbers)
-        return value.copy()  # what `broadcast_to` returns cannot be written to
+        rows = np.empty((len(arrays), *shape))
+        for row, array in enumerate(arrays):
+            rows[row] = array
+        value = self._checked(rows.reshape(len(arrays), math.prod(shape)))
+        if shape:
+            return value.reshape(shape)
+        number: float = value.item()
+        return number
 
     def at(self, *numbers: float) -> float:
         """Return the value at one float for each variable, in their order; faster than a call.
 
         Raises `InputError` for a value that is not finite.
         """
-        with np.errstate(all="ignore"):
-            value = self._value([*map(np.float64, numbers)])
-        if not math.isfinite(value):
-            raise self._error(value, numbers)
-        number: float = value.item()
+        number: float = self._checked(np.array(numbers, float).reshape(-1, 1)).item()
         return number
 
     def derivative(self, variable: str) -> "Formula":
@@ -96,25 +90,93 @@ class Formula:
         """
         return replace(self, by=(*self.by, variable))
 
-    def _error(self, value: float, numbers: Sequence[float]) -> InputError:
-        """Return the error for a value at these numbers that is not finite."""
-        what = f"formula {self.text!r} is {value:g}"
+    def write(self, tape: Tape) -> int:
+        """Write the formula to a list of instructions; return the number of its value."""
+        names = {name: tape.variable(row) for row, name in enumerate(self.variables)}
+        output = tape.write(_parse(self.text, self.variables, self.condition), names)
+        for variable in self.by:
+            output = tape.derive(output, self.variables.index(variable))
+        return output
+
+    def _checked(self, variables: np.ndarray) -> np.ndarray:
+        """Return the values (m,) at the variables (v, m); raise `InputError` as a call does."""
+        values = self._program(variables)[:, 0]
+        self.check(values, variables)
+        if self.condition:
+            values = values != 0.0
+        return values
+
+    def check(self, values: np.ndarray, variables: np.ndarray) -> None:
+        """Raise `InputError` if a value (m,) at the variables (v, m) is not finite."""
+        finite = np.isfinite(values)
+        if finite.all():
+            return
+        first = int(np.argmin(finite))
+        what = f"formula {self.text!r} is {values[first]:g}"
         if self.by:
             what = f"the derivative by {' and '.join(self.by)} of {what}"
         if self.variables:
-            pairs = zip(self.variables, numbers, strict=True)
+            pairs = zip(self.variables, variables[:, first], strict=True)
             what += " at " + ", ".join(f"{name} = {number:g}" for name, number in pairs)
-        return InputError(what, "must be finite", "Formula")
+        raise InputError(what, "must be finite", "Formula")
+
+
+Part = float | Formula
+
+
+@dataclass(frozen=True)
+class FormulaVector:
+    """A vector whose components are numbers and formulas of the same variables.
+
+    Attributes
+    ----------
+    parts
+        The k components.
+    """
+
+    parts: tuple[Part, ...]
+
+    @cached_property
+    def _program(self) -> Program:
+        return _compile(self.parts)
+
+    def __call__(self, variables: np.ndarray) -> np.ndarray:
+        """Values (m, k) at the variables (v, m), of which a row belongs to each variable.
+
+        Raises `InputError` for a value that is not finite.
+        """
+        values = self._program(variables)
+        if not np.isfinite(values).all():
+            for part, column in zip(self.parts, values.T, strict=True):
+                if isinstance(part, Formula):
+                    part.check(column, variables)
+        return values
+
+    def derivative(self, variable: str) -> "FormulaVector":
+        """Return the vector of the derivatives by a variable."""
+        return FormulaVector(
+            tuple(
+                part.derivative(variable) if isinstance(part, Formula) else 0.0
+                for part in self.parts
+            )
+        )
+
+    def call(self, variables: np.ndarray, values: np.ndarray) -> Call:
+        """Return the compiled call that writes the values (m, k) at the variables (v, m).
+
+        It reads the variables when it is made. It does not refuse values that are not finite.
+        """
+        return self._program.call(variables, values)
 
 
 _parse = lru_cache(maxsize=256)(parse)
 
 
 @lru_cache(maxsize=256)
-def _compile(
-    text: str, variables: tuple[str, ...], condition: bool, by: tuple[str, ...]
-) -> Closure:
-    closure = compile_tree(_parse(text, variables, condition), variables, bool(by))
-    for level, variable in enumerate(by):
-        closure = derivative(closure, variables.index(variable), level)
-    return closure
+def _compile(parts: tuple[Part, ...]) -> Program:
+    """Return the program of numbers and formulas of the same variables."""
+    tape = Tape()
+    outputs = [
+        part.write(tape) if isinstance(part, Formula) else tape.constant(part) for part in parts
+    ]
+    return Program.assemble(tape, outputs)

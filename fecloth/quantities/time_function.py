@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fecloth.compiled.calls import Calls
 from fecloth.errors import InputError, errors_of
-from fecloth.quantities.formula import Formula
+from fecloth.quantities.formula import Formula, FormulaVector
 
 OfTime = float | str | Callable[[float], float]
 VectorOfTime = tuple[float | str, float | str, float | str] | Callable[[float], np.ndarray]
@@ -50,8 +51,7 @@ class TimeFunction:
         if callable(self.parts):
             value = np.asarray(self.parts(t), dtype=float)
         else:
-            numbers = [_at(part, t) for part in self.parts]
-            value = np.array(numbers, dtype=float).reshape(self.shape)
+            value = _at(self._components, t).reshape(self.shape)
         if value.shape != self.shape or not np.isfinite(value).all():
             allowed = "must be finite" + (f" and of shape {self.shape}" if self.shape else "")
             raise InputError(f"{self.name}({t:g}) = {value!r}", allowed, self.where)
@@ -70,20 +70,28 @@ class TimeFunction:
         """
         if not callable(self.parts):
             with suppress(InputError):
-                return np.array([_at(rate, t) for rate in self._rates]).reshape(self.shape)
+                return _at(self._rates, t).reshape(self.shape)
         return difference_quotient(self, t)
 
+    def calls(self, t: np.ndarray, value: np.ndarray) -> Calls | None:
+        """Return the compiled calls that write the value at the time t (1,) [s] to an array.
+
+        They read t when they are made, and do not refuse a value that is not finite. None for a
+        function of Python.
+        """
+        if callable(self.parts):
+            return None
+        return [self._components.call(t.reshape(1, 1), value.reshape(1, -1))]
+
     @cached_property
-    def _rates(self) -> list[float | Formula]:
-        """The derivative by t of each part, if the parts are numbers and formulas."""
+    def _components(self) -> FormulaVector:
         assert not callable(self.parts)
-        rates: list[float | Formula] = []
-        for part in self.parts:
-            if isinstance(part, Formula):
-                rates.append(part.derivative("t"))
-            else:
-                rates.append(0.0)
-        return rates
+        return FormulaVector(self.parts)
+
+    @cached_property
+    def _rates(self) -> FormulaVector:
+        """The derivative by t of each part, if the parts are numbers and formulas."""
+        return self._components.derivative("t")
 
 
 def difference_quotient(
@@ -142,7 +150,6 @@ def _part(value: object, name: str, where: str) -> float | Formula:
     return float(value)  # type: ignore[arg-type]  # NumPy's scalars contain text and complex
 
 
-def _at(part: float | Formula, t: float) -> float:
-    if isinstance(part, float):
-        return part
-    return part.at(float(t))
+def _at(components: FormulaVector, t: float) -> np.ndarray:
+    """Values (1, k) of numbers and formulas of t."""
+    return components(np.array([[t]], float))

@@ -489,11 +489,18 @@ class System:
     ) -> BlockMatrix:
         """J += wa M + wv D + wx K at a state, in place."""
         if wa != 0.0:
-            add_mass(self.mass_slots, self.scalar_mass.data, wa, J.values)
+            self.add_mass(J, wa)
         for term in self.bound:
             if wx != 0.0 or (wv != 0.0 and term.velocity_dependent):
                 term.add_tangent(state.x, state.v, state.t, wx, wv, J, definite)
         return J
+
+    def add_mass(self, J: BlockMatrix, weight: float) -> None:
+        """J += weight M, in place.
+
+        With a lumped mass J may have been projected before: the result is the projected sum.
+        """
+        add_mass(self.mass_slots, self.scalar_mass.data, weight, J.values)
 
     def dense(self, state: State) -> list[tuple[float, np.ndarray]]:
         """(c, u (n, 3)) of the parts c u uᵀ of K that couple all nodes, outside the matrix."""

@@ -181,15 +181,27 @@ class BoundTerm:
         """
         raise NotImplementedError
 
-    def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
+    def force_calls(
+        self, x: np.ndarray, v: np.ndarray, t: np.ndarray, f: np.ndarray
+    ) -> Calls | None:
         """The kernels that make up `add_force`, in order, each with its arguments.
 
         Explicit steps then need no Python between the kernels. The kernels are called again and
-        again while x, v and f change in place, and may have work arrays of their own. Return
-        None where the force depends on t or needs Python. The result must have the same bits as
-        `add_force`. A `SharedCall`, as `SharedLoop` makes it, is made by several threads; one
-        thread makes all other calls. A class that overrides `add_force` must override this
-        function, too; otherwise it is not called.
+        again while x, v, the time t (1,) [s] and f change in place, and may have work arrays of
+        their own. Return None where the force needs Python. The result must have the same bits
+        as `add_force`; where that refuses a value that is not finite, they let it reach f. A
+        `SharedCall`, as `SharedLoop` makes it, is made by several threads; one thread makes all
+        other calls. A class that overrides `add_force` must override this function, too;
+        otherwise it is not called.
+        """
+        return None
+
+    def supply_calls(
+        self, x: np.ndarray, v: np.ndarray, t: np.ndarray, power: np.ndarray
+    ) -> Calls | None:
+        """The kernels that write `supply` to `power` (1,) [W], as `force_calls`; or None.
+
+        Only a term that dissipates in air without one steady velocity needs them.
         """
         return None
 

@@ -20,15 +20,23 @@ MOVED = [
     SLIDES[1],
 ]
 LOADS = [fc.PointForce("right", (1, 2, 3)), fc.UserForce((1, 2, 3.0)), fc.Pressure(30.0)]
+FORMULAS = [
+    fc.PointForce("right", ("t", "sin(90*t)", 3)),
+    fc.UserForce(("X*t - 2*z", "-0.3*vy", 1.0)),
+    fc.Pressure("300*t*cos(70*t)"),
+]
 PLATE = [fc.PlateBending(), fc.BendingDamping(1e-2)]
 CASES = {
     "rates": ([fc.StVK(), fc.StrainRateDamping(1e-4), GRAVITY, fc.MassDamping(3.0)], MOVED, "P1"),
     "loads": ([*LOADS, fc.NeoHookean(), fc.HingeBending(), fc.BendingDamping(1e-3)], FIXED, "P1"),
     "wind": ([fc.Wind((3.0, 1, 2), normal=0.4), fc.StVK(), fc.Drag(normal=0.5)], MOVED, "P1"),
+    "air": ([fc.Wind(("3 + z*t", "x", 2), normal=0.4), fc.StVK(), *FORMULAS], MOVED, "P1"),
+    "gust": ([fc.Wind((1, "sin(99*t)", 2), 0.4, law="linear"), fc.StVK(), GRAVITY], FIXED, "P1"),
     "plate": ([fc.TensionField(), *PLATE], [fc.Pin("left", clamp=True)], "P1"),
     "springs": ([fc.Springs(), fc.QuadraticBending(), GRAVITY], [], "P1"),
     "conditions": ([fc.BaraffWitkin(), fc.TensorCondition(1.0), GRAVITY], SLIDES, "P1"),
     "curved": ([fc.StVK(), fc.StrainRateDamping(1e-4), *LOADS], MOVED, "P2"),
+    "curved formulas": ([fc.StVK(), *FORMULAS], FIXED, "P2"),
     "pointwise": ([fc.StVK(strain="pointwise"), *PLATE, fc.MassDamping(3.0)], SLIDES, "P2"),
 }
 
@@ -125,12 +133,15 @@ def test_a_run_with_a_row_at_each_step_makes_no_fused_steps(dt, monkeypatch):
 
 @pytest.mark.stories
 def test_what_needs_python_is_not_fused():
-    wind = fc.Wind(("t", 0, 1), normal=0.4)
+    wind = fc.Wind(lambda x, t: (t, 0, 1), normal=0.4)
+    gusts = fc.Wind((1.0, 0, 1), normal=0.4, gusts=0.1)
     turned = fc.Pin("left", rotate=fc.Rotation((0, 0, 0), (1, 0, 0), "t"))
     condition = fc.Condition(lambda y: y[:, 1, 2] - y[:, 0, 2], [(0, 1)], 10.0)
     for terms, pins in (
         ([fc.StVK(), wind], FIXED),
-        ([fc.StVK(), fc.PointForce("right", ("t", 0, 0))], FIXED),
+        ([fc.StVK(), gusts], FIXED),
+        ([fc.StVK(), fc.PointForce("right", lambda t: (t, 0, 0))], FIXED),
+        ([fc.StVK(), fc.Pressure(lambda t: t)], FIXED),
         ([fc.StVK(), fc.UserForce(lambda x, v, t: -x)], FIXED),
         ([fc.StVK(), fc.Tether("right", (0, 0, 1.0), 10.0)], FIXED),
         ([fc.StVK(), condition], FIXED),

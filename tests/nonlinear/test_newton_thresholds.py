@@ -34,6 +34,8 @@ class Script:
 
     system = SimpleNamespace(
         cloth=SimpleNamespace(X=np.array([[0.0, 0.0], [1.0, 0.5]])),
+        mass_kind="consistent",
+        is_whole=True,
         sums=SUMS,
         diagonal_mass=None,
         constraints=SimpleNamespace(project=lambda y: y),

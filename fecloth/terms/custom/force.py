@@ -2,19 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 
 from fecloth import validation
-from fecloth.compiled.calls import Calls
+from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.reductions import dot
-from fecloth.quantities.formula import Formula
+from fecloth.quantities.formula import Formula, FormulaVector
+from fecloth.quantities.formula_kernel import write_columns, write_time
 from fecloth.quantities.units import ACCELERATION, FORCE, PRESSURE
-from fecloth.terms.loops.array_updates import add
+from fecloth.terms.loops.array_updates import add_scaled
 from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.traits import LOAD
 
@@ -135,15 +137,25 @@ class FormulaForce:
 
     def __call__(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
         """Return the values (n, 3) of the three parts, at all nodes."""
-        columns = (*self.X.T, *x.T, *v.T, t)  # in the order of VARIABLES
-        values_of_variables = dict(zip(VARIABLES, columns, strict=True))
-        g = np.empty_like(x)
-        for c, part in enumerate(self.parts):
-            if isinstance(part, Formula):
-                g[:, c] = part(**values_of_variables)
-            else:
-                g[:, c] = part
-        return g
+        variables = np.empty((len(VARIABLES), len(x)))
+        for row, column in enumerate((*self.X.T, *x.T, *v.T, t)):  # in the order of VARIABLES
+            variables[row] = column
+        return self._components(variables)
+
+    def calls(self, x: np.ndarray, v: np.ndarray, t: np.ndarray, g: np.ndarray) -> list[Call]:
+        """The compiled calls that write the values (n, 3) at x, v and t (1,) to g."""
+        variables = np.empty((len(VARIABLES), len(x)))
+        variables[:2] = self.X.T
+        return [
+            (write_columns, (x, variables[2:5])),
+            (write_columns, (v, variables[5:8])),
+            (write_time, (t, variables[8])),
+            self._components.call(variables, g),
+        ]
+
+    @cached_property
+    def _components(self) -> FormulaVector:
+        return FormulaVector(self.parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,15 +215,11 @@ class BoundUserForce(BoundTerm):
         f += self.amount[:, None] * self._value(x, v, t)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
-        """Return the compiled calls that add the force, or None.
-
-        Only a force of three numbers has them: it is the same at all x, v and t.
-        """
         if not isinstance(self.function, FormulaForce):
             return None
-        if not all(isinstance(part, float) for part in self.function.parts):
-            return None
-        return [(add, (self.amount[:, None] * self._value(x, v, t), f))]
+        g = np.empty_like(x)
+        calls = self.function.calls(x, v, t, g)
+        return [*calls, (add_scaled, (self.amount[:, None], g, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J_aa −= A_a (wx ∂g/∂x + wv ∂g/∂v).

@@ -3,11 +3,15 @@
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from fecloth.compiled.calls import Call, Calls
+from fecloth.compiled.jit import Array, kernel
 from fecloth.errors import InputError
-from fecloth.quantities.formula import Formula
+from fecloth.quantities.formula import Formula, FormulaVector
+from fecloth.quantities.formula_kernel import write_columns, write_time
 from fecloth.quantities.time_function import TimeFunction, vector
 
 GRADIENT_STEP = 1e-5
@@ -33,6 +37,16 @@ class Uniform:
     def gradient(self, x: np.ndarray, t: float) -> np.ndarray:
         return np.zeros((1, 3, 3))
 
+    def compiled(
+        self, nodes: np.ndarray, x: np.ndarray, t: np.ndarray
+    ) -> tuple[np.ndarray, Calls] | None:
+        """The velocity (1, 3) as `Field.compiled` returns it."""
+        if self.value.is_constant:
+            return self.velocity(x, 0.0), []
+        u = np.empty((1, 3))
+        calls = self.value.calls(t, u)
+        return None if calls is None else (u, calls)
+
 
 @dataclass(frozen=True)
 class Field:
@@ -56,6 +70,21 @@ class Field:
             columns.append(np.broadcast_to(change / (2 * GRADIENT_STEP), x.shape))
         return np.stack(columns, axis=2)
 
+    def compiled(
+        self, nodes: np.ndarray, x: np.ndarray, t: np.ndarray
+    ) -> tuple[np.ndarray, Calls] | None:
+        """Return the velocity (m, 3) at the centroids of triangles, and the calls that fill it.
+
+        The calls read the positions x (n, 3) [m] and the time t (1,) [s] when they are made;
+        `nodes` (m, 3) are the nodes of the triangles. None for a function of Python.
+        """
+        if not isinstance(self.function, Formulas):
+            return None
+        points = np.empty((len(nodes), 3))
+        u = np.empty((len(nodes), 3))
+        calls = self.function.calls(points, t, u)
+        return u, [(fill_centroids, (nodes, x, points)), *calls]
+
 
 @dataclass(frozen=True)
 class Formulas:
@@ -64,11 +93,23 @@ class Formulas:
     parts: tuple
 
     def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
-        point: dict[str, np.ndarray | float] = {"x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "t": t}
-        values = []
-        for part in self.parts:
-            values.append(part(**point) if isinstance(part, Formula) else part)
-        return np.stack(np.broadcast_arrays(*values), axis=-1)
+        variables = np.empty((4, len(x)))
+        variables[:3] = x.T
+        variables[3] = t
+        return self._components(variables)
+
+    def calls(self, x: np.ndarray, t: np.ndarray, u: np.ndarray) -> list[Call]:
+        """The compiled calls that write the values (m, 3) at x (m, 3) and t (1,) to u."""
+        variables = np.empty((4, len(x)))
+        return [
+            (write_columns, (x, variables[:3])),
+            (write_time, (t, variables[3])),
+            self._components.call(variables, u),
+        ]
+
+    @cached_property
+    def _components(self) -> FormulaVector:
+        return FormulaVector(self.parts)
 
 
 @dataclass(frozen=True)
@@ -125,6 +166,12 @@ class Gusts:
         sines = np.sin((x - t * np.asarray(self.mean)) @ k.T + phase)
         return -np.einsum("mn,ni,nj->mij", sines, a, k, optimize=True)
 
+    def compiled(
+        self, nodes: np.ndarray, x: np.ndarray, t: np.ndarray
+    ) -> tuple[np.ndarray, Calls] | None:
+        """None: NumPy computes the sum of the waves faster."""
+        return None
+
 
 AirVelocity = Uniform | Field | Gusts
 
@@ -153,3 +200,12 @@ def velocity_field(velocity, where: str) -> Uniform | Field:
         allowed = "must be three finite numbers or formulas of x, y, z, t, or a function u(x, t)"
         raise InputError(f"velocity = {velocity!r}", allowed, where)
     return Field(Formulas(tuple(parts)))
+
+
+@kernel
+def fill_centroids(nodes: Array, x: Array, points: Array) -> None:
+    """Write the centroids of triangles with these nodes (m, 3) to `points` (m, 3)."""
+    for e in range(len(nodes)):
+        for k in range(3):
+            total = x[nodes[e, 0], k] + x[nodes[e, 1], k] + x[nodes[e, 2], k]
+            points[e, k] = total / 3

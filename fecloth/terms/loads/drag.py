@@ -13,7 +13,12 @@ from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.quantities.units import DENSITY, RESISTANCE
 from fecloth.terms.bending.dihedral_angle import cross, dot
-from fecloth.terms.loads.air_velocity import AirVelocity, Uniform, velocity_field
+from fecloth.terms.loads.air_velocity import (
+    AirVelocity,
+    Uniform,
+    fill_centroids,
+    velocity_field,
+)
 from fecloth.terms.loads.pressure import edge
 from fecloth.terms.loops.shared_loop import SharedLoop
 from fecloth.terms.protocol import BoundTerm, element_nodes, taken_from
@@ -133,7 +138,9 @@ class BoundDrag(BoundTerm):
         """(m, 3) centroids of the triangles [m], where the velocity of the air is taken."""
         if isinstance(self.wind, Uniform):
             return x  # not used: this saves the time for the means
-        return x[self.nodes].mean(axis=1)
+        points = np.empty((len(self.nodes), 3))
+        fill_centroids(self.nodes, x, points)
+        return points
 
     def _air(self, x, t) -> np.ndarray:
         """(m, 3) or (1, 3) velocity of the air [m/s]."""
@@ -163,9 +170,18 @@ class BoundDrag(BoundTerm):
         return add_force, (self.nodes[part], self.law, by_triangle(u, part), x, v, f)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
-        if not (isinstance(self.wind, Uniform) and self.wind.value.is_constant):
+        compiled = self.wind.compiled(self.nodes, x, t)
+        if compiled is None:
             return None
-        return [self.loop.shared_add(partial(self._force, self._air(x, t), x, v), f)]
+        u, calls = compiled
+        return [*calls, self.loop.shared_add(partial(self._force, u, x, v), f)]
+
+    def supply_calls(self, x, v, t, power) -> Calls | None:
+        compiled = self.wind.compiled(self.nodes, x, t)
+        if compiled is None:
+            return None
+        u, calls = compiled
+        return [*calls, (fill_supply, (self.nodes, self.law, u, x, v, power))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wv D + wx K, without K if J must be symmetric or `definite`."""
@@ -175,17 +191,22 @@ class BoundDrag(BoundTerm):
             gradient = np.zeros((1, 3, 3))
         else:
             gradient = self.wind.gradient(self._centroids(x), t)
+        self.loop.add_blocks(partial(self._tangent, u, gradient, x, v, float(wx), float(wv)), J)
 
-        def call(part: slice, values: np.ndarray) -> Call:
-            nodes = self.nodes[part]
-            slots = self.loop.slots[part]
-            velocity = by_triangle(u, part)
-            velocity_gradient = by_triangle(gradient, part)
-            air = velocity, velocity_gradient
-            arguments = nodes, slots, self.law, *air, x, v, wx, wv, values
-            return add_tangent, arguments
+    def tangent_calls(self, x, v, t, wx, wv, J, definite) -> Calls | None:
+        if not (self.symmetric or definite):
+            return None  # the gradient of the wind needs Python
+        compiled = self.wind.compiled(self.nodes, x, t)
+        if compiled is None:
+            return None
+        u, calls = compiled
+        call = partial(self._tangent, u, np.zeros((1, 3, 3)), x, v, 0.0, wv)
+        return [*calls, self.loop.shared_add_blocks(call, J)]
 
-        self.loop.add_blocks(call, J)
+    def _tangent(self, u, gradient, x, v, wx, wv, part, values) -> Call:
+        of_part = self.nodes[part], self.loop.slots[part]
+        air = by_triangle(u, part), by_triangle(gradient, part)
+        return add_tangent, (*of_part, self.law, *air, x, v, wx, wv, values)
 
 
 def by_triangle(values: np.ndarray, part: slice) -> np.ndarray:
@@ -260,6 +281,12 @@ def powers(nodes, law, u, x, v):
         dissipated -= dot(F, w)
         supplied += F[0] * u[a, 0] + F[1] * u[a, 1] + F[2] * u[a, 2]
     return dissipated, supplied
+
+
+@kernel
+def fill_supply(nodes, law, u, x, v, power):
+    """Write the power of the air Σ F · u to `power` (1,) [W]; the others are as for `powers`."""
+    _, power[0] = powers(nodes, law, u, x, v)
 
 
 @kernel

@@ -12,7 +12,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.linalg.reductions import dot
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import ACCELERATION, FORCE, LENGTH
-from fecloth.terms.loops.array_updates import add, add_rows, scale
+from fecloth.terms.loops.array_updates import add, add_shares, scale
 from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.traits import LOAD
 
@@ -171,9 +171,11 @@ class BoundPointForce(BoundTerm):
         f[self.nodes] += self.share * self.force(t)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
-        if not self.force.is_constant:
+        force = np.empty(3)
+        calls = self.force.calls(t, force)
+        if calls is None:
             return None
-        return [(add_rows, (self.nodes, self.share * self.force(t), f))]
+        return [*calls, (add_shares, (self.nodes, self.share, force, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """Do nothing: the force does not depend on x and v."""

@@ -128,26 +128,38 @@ class BoundPressure(BoundTerm):
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p/6) n at each corner [N]."""
-        self.loop.add(partial(self._force, float(self.p(t)), x), f)
+        self.loop.add(partial(self._force, self.p(t).reshape(1), x), f)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
-        if not self.p.is_constant:
+        p = np.empty(1)
+        calls = self.p.calls(t, p)
+        if calls is None:
             return None
-        return [self.loop.shared_add(partial(self._force, float(self.p(t)), x), f)]
+        return [*calls, self.loop.shared_add(partial(self._force, p, x), f)]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; do nothing if J must be `definite`, because the trace of K is zero."""
         if definite:
             return
-        p = wx * float(self.p(t))
-        self.loop.add_blocks(partial(self._tangent, self.loop.slots, p, x), J)
+        p = self.p(t).reshape(1)
+        self.loop.add_blocks(partial(self._tangent, self.loop.slots, p, x, float(wx)), J)
+
+    def tangent_calls(self, x, v, t, wx, wv, J, definite) -> Calls | None:
+        if definite:
+            return []
+        p = np.empty(1)
+        calls = self.p.calls(t, p)
+        if calls is None:
+            return None
+        call = partial(self._tangent, self.loop.slots, p, x, wx)
+        return [*calls, self.loop.shared_add_blocks(call, J)]
 
     def _force(self, p, x, part, f) -> Call:
         return add_force, (self.nodes[part], self.signs[part], p, x, f)
 
-    def _tangent(self, slots, p, x, part, J) -> Call:
+    def _tangent(self, slots, p, x, wx, part, J) -> Call:
         arrays = cut((self.nodes, self.signs, slots), part)
-        return add_tangent, (*arrays, p, self.symmetric, x, J)
+        return add_tangent, (*arrays, p, self.symmetric, x, wx, J)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +171,19 @@ class BoundCurved(BoundPressure):
         arrays = cut((self.nodes, cloth.gradients, cloth.weights), part)
         return add_curved_force, (*cloth.shape, *arrays, cloth.values, p, x, f)
 
-    def _tangent(self, slots, p, x, part, J) -> Call:
+    def _tangent(self, slots, p, x, wx, part, J) -> Call:
         cloth = self.panel.cloth
         arrays = cut((self.nodes, slots, cloth.gradients, cloth.weights), part)
-        return add_curved_tangent, (*cloth.shape, *arrays, cloth.values, p, self.symmetric, x, J)
+        return add_curved_tangent, (
+            *cloth.shape,
+            *arrays,
+            cloth.values,
+            p,
+            self.symmetric,
+            x,
+            wx,
+            J,
+        )
 
 
 @inner
@@ -184,14 +205,14 @@ def add_skew(s, scale, e, J):
 
 @kernel
 def add_force(nodes, signs, p, x, f):
-    """f_a += (p/6) n on the corners `nodes` (m, 3) of each triangle, with the pressure p [Pa].
+    """f_a += (p/6) n on the corners `nodes` (m, 3) of each triangle, with the pressure p (1,) [Pa].
 
     n is (x₂ − x₁) × (x₃ − x₁), times the triangle's sign from `orientation_signs`.
     """
     for e in range(len(nodes)):
         i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
         n = cross(edge(x, i, j), edge(x, i, k))
-        sixth = signs[e] * p / 6
+        sixth = signs[e] * p[0] / 6
         for a in range(3):
             node = nodes[e, a]
             f[node, 0] += sixth * n[0]
@@ -200,20 +221,21 @@ def add_force(nodes, signs, p, x, f):
 
 
 @kernel
-def add_tangent(nodes, signs, slots, p, symmetric, x, J):
-    """J_ab −= (p/6) [e_b]×, or if `symmetric` (p/12) [e_b − e_a]×.
+def add_tangent(nodes, signs, slots, p, symmetric, x, wx, J):
+    """J_ab −= wx (p/6) [e_b]×, or if `symmetric` wx (p/12) [e_b − e_a]×.
 
-    e_b is the edge opposite to corner b, `slots` (m, 3, 3) are the blocks of J, and the caller
-    has multiplied p by the weight of K.
+    e_b is the edge opposite to corner b, `slots` (m, 3, 3) are the blocks of J, and p (1,) is
+    the pressure [Pa].
     """
+    weighted = wx * p[0]
     for e in range(len(nodes)):
         i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
         edges = (edge(x, j, k), edge(x, k, i), edge(x, i, j))
         if symmetric:
-            scale = -signs[e] * p / 12
+            scale = -signs[e] * weighted / 12
             own = 1.0  # the factor of e_a
         else:
-            scale = -signs[e] * p / 6
+            scale = -signs[e] * weighted / 6
             own = 0.0
         for a in range(3):
             d = edges[a]
@@ -228,8 +250,8 @@ def add_curved_force(K, Q, nodes, G, w, N, p, x, f):
     """f_a += p Σ w N_a F₁ × F₂ over the points q of each triangle of P2.
 
     K and Q are tuples with a zero for each node, and for each point. `nodes` is (m, k), G the
-    gradients of the shape functions (m, q, k, 2) [1/m], w the weights (m, q) [m²], and N (q, k)
-    the shape functions.
+    gradients of the shape functions (m, q, k, 2) [1/m], w the weights (m, q) [m²], N (q, k) the
+    shape functions, and p (1,) the pressure [Pa].
     """
     for e in range(len(nodes)):
         for q in range(len(Q)):
@@ -237,19 +259,20 @@ def add_curved_force(K, Q, nodes, G, w, N, p, x, f):
             n = cross((F11, F21, F31), (F12, F22, F32))
             for a in range(len(K)):
                 node = nodes[e, a]
-                scale = p * w[e, q] * N[q, a]
+                scale = p[0] * w[e, q] * N[q, a]
                 f[node, 0] += scale * n[0]
                 f[node, 1] += scale * n[1]
                 f[node, 2] += scale * n[2]
 
 
 @kernel
-def add_curved_tangent(K, Q, nodes, slots, G, w, N, p, symmetric, x, J):
-    """J_ab += p Σ w N_a [d_b]×, or if `symmetric` (p/2) Σ w [N_a d_b − N_b d_a]×.
+def add_curved_tangent(K, Q, nodes, slots, G, w, N, p, symmetric, x, wx, J):
+    """J_ab += wx p Σ w N_a [d_b]×, or if `symmetric` wx (p/2) Σ w [N_a d_b − N_b d_a]×.
 
     d_b = G_b1 F₂ − G_b2 F₁. The arguments are as for `add_curved_force`, with the blocks `slots`
-    (m, k, k) of J; the caller has multiplied p by the weight of K.
+    (m, k, k) of J.
     """
+    weighted = wx * p[0]
     own = 0.5 if symmetric else 0.0  # the factor of N_b d_a; 1 − own is that of N_a d_b
     for e in range(len(nodes)):
         for q in range(len(Q)):
@@ -262,4 +285,4 @@ def add_curved_tangent(K, Q, nodes, slots, G, w, N, p, symmetric, x, J):
                     g1 = s * G[e, q, b, 0] - t * G[e, q, a, 0]
                     g2 = s * G[e, q, b, 1] - t * G[e, q, a, 1]
                     d = (g1 * F12 - g2 * F11, g1 * F22 - g2 * F21, g1 * F32 - g2 * F31)
-                    add_skew(slots[e, a, b], p * w[e, q], d, J)
+                    add_skew(slots[e, a, b], weighted * w[e, q], d, J)

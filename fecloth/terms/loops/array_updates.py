@@ -17,11 +17,19 @@ def add(values: Array, f: Array) -> None:
 
 
 @rounded_kernel
-def add_rows(nodes: Array, values: Array, f: Array) -> None:
-    """f (n, 3) += values (k, 3) at the nodes (k,)."""
+def add_shares(nodes: Array, share: Array, force: Array, f: Array) -> None:
+    """f (n, 3) += share (k, 1) times the force (3,), at the nodes (k,)."""
     for n in range(len(nodes)):
         for k in range(3):
-            f[nodes[n], k] += values[n, k]
+            f[nodes[n], k] += share[n, 0] * force[k]
+
+
+@rounded_kernel
+def add_scaled(scale: Array, values: Array, f: Array) -> None:
+    """f (n, 3) += scale (n, 1) values."""
+    for i in range(len(f)):
+        for k in range(3):
+            f[i, k] += scale[i, 0] * values[i, k]
 
 
 @rounded_kernel
@@ -69,5 +77,5 @@ def scale(factor: float, b: Array) -> None:
         b[e] *= factor
 
 
-BY_ROWS: set[Callable[..., None]] = {add, subtract_scaled, subtract, clear, scale}
+BY_ROWS: set[Callable[..., None]] = {add, add_scaled, subtract_scaled, subtract, clear, scale}
 """Kernels whose row i depends on row i of their arrays alone, so that threads can share them."""

@@ -173,7 +173,9 @@ class BoundCondition(BoundTerm):
         """f_a −= ∂C_a (k_s C + k_d Ċ) [N]."""
         self.loop.add(self._force(self.table(x, t, 1), x, v), f)
 
-    def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
+    def force_calls(
+        self, x: np.ndarray, v: np.ndarray, t: np.ndarray, f: np.ndarray
+    ) -> Calls | None:
         if self._has_table:
             return None
         return [self.loop.shared_add(self._force(self.constants, x, v), f)]

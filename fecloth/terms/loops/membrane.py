@@ -151,7 +151,7 @@ class BoundMembrane(BoundTerm):
         """f −= Σ w S : ∂E/∂x [N]."""
         self.loop.add(self._force(x), f)
 
-    def force_calls(self, x: Array, v: Array, t: float, f: Array) -> Calls:
+    def force_calls(self, x: Array, v: Array, t: Array, f: Array) -> Calls:
         return [self.loop.shared_add(self._force(x), f)]
 
     def add_tangent(
