@@ -108,24 +108,26 @@ def conjugate_gradients(
         The number of iterations; CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS; and
         the numbers to go on with.
     """
-    _, z, p, q = vectors
     begin, end = part_of(member, 0, sums.shape[1])  # this thread's blocks of nodes
     rz, rr, beta, scale = carry
-    if rz < 0.0:  # a start: z = M⁻¹ r, without a step
-        rz, rr = _advance(begin, end, 0.0, inverse, x, vectors, sums, member)
-    status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
+    is_start = rz < 0.0
     j = 0
-    while j < limit and status == OUT_OF_ITERATIONS:
-        pq = _search(begin, end, A, z, beta, p, q, sums, member)
-        # r and the last p are orthogonal, so that pᵀMp has no mixed term
-        scale = rz + beta * beta * scale
-        status = _check(pq, rz, least * scale)
-        if status == OUT_OF_ITERATIONS:
-            old_rz = rz
-            rz, rr = _advance(begin, end, rz / pq, inverse, x, vectors, sums, member)
-            beta = rz / old_rz
+    while is_start or (j < limit and not rr <= threshold):
+        alpha = 0.0  # at the start z = M⁻¹ r, without a step
+        if not is_start:
+            pq = _search(begin, end, A, vectors.z, beta, vectors, sums, member)
+            # r and the last p are orthogonal, so that pᵀMp has no mixed term
+            scale = rz + beta * beta * scale
+            status = _check(pq, rz, least * scale)
+            if status != OUT_OF_ITERATIONS:
+                return j, status, Carry(rz, rr, beta, scale)
+            alpha = rz / pq
             j += 1
-            status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
+        old_rz = rz
+        rz, rr = _advance(begin, end, alpha, inverse, x, vectors, sums, member)
+        beta = 0.0 if is_start else rz / old_rz
+        is_start = False
+    status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
     return j, status, Carry(rz, rr, beta, scale)
 
 
@@ -148,7 +150,7 @@ def step(
     wait(member)
     rz = total(sums[1])
     beta = rz / old if old > 0.0 else 0.0
-    pq = _search(begin, end, A, z, beta, p, q, sums, member)
+    pq = _search(begin, end, A, z, beta, vectors, sums, member)
     status = _check(pq, rz, 0.0)
     if status == OUT_OF_ITERATIONS:
         for block in range(begin, end):
@@ -164,37 +166,49 @@ def step(
 def residual_of(
     begin: int, end: int, A: BlockRows, b: Array, x: Array, vectors: Vectors, sums: Array,
     member: Member,
-) -> float:  # fmt: skip
-    """r = b − A x in blocks begin … end − 1; returns ‖r‖² of all threads. p becomes x."""
+) -> tuple[float, float]:  # fmt: skip
+    """r = b − A x in blocks begin … end − 1; returns ‖r‖² and ‖b‖² of all threads. p becomes x."""
     r, _, p, q = vectors
     for i in range(begin * BLOCK, nodes_of(end - 1, len(x))[1]):
         for c in range(3):
             p[i, c] = x[i, c]
     wait(member)
+    is_zero = not p.any()  # the usual first guess: b is its residual
     for block in range(begin, end):
         first, last = nodes_of(block, len(x))
-        multiply(first, last, A, p, q)
-        sums[0, block] = 0.0
+        rr = bb = 0.0
+        if not is_zero:
+            multiply(first, last, A, p, q)
         for i in range(first, last):
             for c in range(3):
-                r[i, c] = b[i, c] - q[i, c]
-                sums[0, block] += r[i, c] * r[i, c]
+                r[i, c] = b[i, c] if is_zero else b[i, c] - q[i, c]
+                rr += r[i, c] * r[i, c]
+                bb += b[i, c] * b[i, c]
+        sums[0, block] = rr
+        sums[3, block] = bb
     wait(member)
-    return total(sums[0])
+    return total(sums[0]), total(sums[3])
 
 
 @inner
 def _search(
-    begin: int, end: int, A: BlockRows, z: Array, beta: float, p: Array, q: Array, sums: Array,
+    begin: int, end: int, A: BlockRows, z: Array, beta: float, vectors: Vectors, sums: Array,
     member: Member,
 ) -> float:  # fmt: skip
-    """p = z + β p and q = A p in blocks begin … end − 1; returns pᵀq of all threads."""
-    _turn(begin * BLOCK, nodes_of(end - 1, len(p))[1], z, p.dtype.type(beta), p)
+    """p = z + β p and q = A p in blocks begin … end − 1; returns pᵀq of all threads.
+
+    With β = 0 the old p may be not finite.
+    """
+    p = vectors.p
+    factor = p.dtype.type(beta)
+    for node in range(begin * BLOCK, nodes_of(end - 1, len(p))[1]):
+        i = np.uintp(node)  # not negative: the compiler need not look
+        for c in range(3):
+            p[i, c] = z[i, c] + factor * p[i, c] if beta != 0.0 else z[i, c]
     wait(member)
     for block in range(begin, end):
         first, last = nodes_of(block, len(p))
-        multiply(first, last, A, p, q)
-        sums[0, block] = _dot(first, last, p, q)
+        sums[0, block] = multiply(first, last, A, p, vectors.q)
     wait(member)
     return total(sums[0])
 
@@ -220,20 +234,15 @@ def _dot(begin: int, end: int, a: Array, b: Array) -> float:
 
 
 @inner
-def _turn(begin: int, end: int, z: Array, beta: float, p: Array) -> None:
-    """p = z + β p of nodes begin … end − 1; with β = 0 the old p may be not finite."""
-    for node in range(begin, end):
-        i = np.uintp(node)  # not negative: the compiler need not look
-        for c in range(3):
-            p[i, c] = z[i, c] + beta * p[i, c] if beta != 0.0 else z[i, c]
-
-
-@inner
 def _move(begin: int, end: int, alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
     """x += α p, r −= α q of nodes begin … end − 1; returns rᵀ r."""
     rr = 0.0
     for node in range(begin, end):
-        rr += _advance_node(np.uintp(node), alpha, p, q, x, r)
+        i = np.uintp(node)
+        for c in range(3):
+            x[i, c] += alpha * p[i, c]
+            r[i, c] -= alpha * q[i, c]
+            rr += r[i, c] * r[i, c]
     return rr
 
 
@@ -242,49 +251,33 @@ def _advance(
     begin: int, end: int, alpha: float, inverse: Array, x: Array, vectors: Vectors, sums: Array,
     member: Member,
 ) -> tuple[float, float]:  # fmt: skip
-    """x += α p, r −= α q and z = M⁻¹ r in blocks begin … end − 1; return rᵀz and rᵀr of all."""
-    for block in range(begin, end):
-        first, last = nodes_of(block, len(x))
-        step_length = x.dtype.type(alpha)
-        sums[1, block], sums[2, block] = _advance_nodes(
-            first, last, step_length, inverse, x, vectors
-        )
-    wait(member)
-    return total(sums[1]), total(sums[2])
+    """x += α p, r −= α q and z = M⁻¹ r in blocks begin … end − 1; return rᵀz and rᵀr of all.
 
-
-@inner
-def _advance_nodes(
-    begin: int, end: int, alpha: Any, inverse: Array, x: Array, vectors: Vectors
-) -> tuple[float, float]:
-    """`_advance` for nodes begin … end − 1; returns rᵀ z and rᵀ r of these.
-
-    `inverse` (n, 6) has the entries 11, 22, 33, 23, 13, 12 of the symmetric blocks of M⁻¹.
+    `inverse` (n, 6) has the entries 11, 22, 33, 23, 13, 12 of the symmetric blocks of M⁻¹. With
+    α = 0 the old p and q are not used, as they may be not finite.
     """
     r, z, p, q = vectors
-    rz = rr = 0.0
-    for node in range(begin, end):
-        i = np.uintp(node)
-        rr += _advance_node(i, alpha, p, q, x, r)
-        r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
-        m = inverse[i]
-        z1 = m[0] * r1 + m[5] * r2 + m[4] * r3
-        z2 = m[5] * r1 + m[1] * r2 + m[3] * r3
-        z3 = m[4] * r1 + m[3] * r2 + m[2] * r3
-        z[i, 0] = z1
-        z[i, 1] = z2
-        z[i, 2] = z3
-        rz += r1 * z1 + r2 * z2 + r3 * z3
-    return rz, rr
-
-
-@inner
-def _advance_node(i: Any, alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
-    """Node i of `_move`; with α = 0 the old p and q are not used, as they may be not finite."""
-    if alpha != 0.0:
-        for c in range(3):
-            x[i, c] += alpha * p[i, c]
-            r[i, c] -= alpha * q[i, c]
-    r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
-    rr: float = r1 * r1 + r2 * r2 + r3 * r3
-    return rr
+    factor = x.dtype.type(alpha)
+    for block in range(begin, end):
+        first, last = nodes_of(block, len(x))
+        rz = rr = 0.0
+        for node in range(first, last):
+            i = np.uintp(node)
+            if alpha != 0.0:
+                for c in range(3):
+                    x[i, c] += factor * p[i, c]
+                    r[i, c] -= factor * q[i, c]
+            r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
+            m = inverse[i]
+            z1 = m[0] * r1 + m[5] * r2 + m[4] * r3
+            z2 = m[5] * r1 + m[1] * r2 + m[3] * r3
+            z3 = m[4] * r1 + m[3] * r2 + m[2] * r3
+            z[i, 0] = z1
+            z[i, 1] = z2
+            z[i, 2] = z3
+            rz += r1 * z1 + r2 * z2 + r3 * z3
+            rr += r1 * r1 + r2 * r2 + r3 * r3
+        sums[1, block] = rz
+        sums[2, block] = rr
+    wait(member)
+    return total(sums[1]), total(sums[2])

@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from fecloth.compiled.jit import Array, inner, kernel
-from fecloth.compiled.threads import Member, part_of, wait
+from fecloth.compiled.threads import Member, part_of
 from fecloth.linalg.conjugate_gradients import (
     CONVERGED,
     OUT_OF_ITERATIONS,
@@ -23,7 +23,7 @@ from fecloth.linalg.conjugate_gradients import (
     residual_of,
 )
 from fecloth.linalg.protocol import BlockRows
-from fecloth.linalg.reductions import BLOCK, nodes_of, total
+from fecloth.linalg.reductions import BLOCK, nodes_of
 
 # The smallest tolerance for which float32 is used. It leaves room for its round-off, which
 # grows with the condition number.
@@ -123,7 +123,7 @@ def solve_by_cg(
     b
         (n, 3) the right-hand side.
     x
-        (n, 3) the first guess, which becomes the solution.
+        (n, 3) the first guess, which becomes the solution; it is kept if b is 0.
     work
         The work space.
     rtol, limit
@@ -134,122 +134,84 @@ def solve_by_cg(
         The thread, or `ONLY`.
     """
     begin, end = part_of(member, 0, work.sums.shape[1])
-    done, status, reached, bb, is_single, carry = progress
-    if reached < 0.0:
-        bb, reached = _begin(begin, end, A, b, x, work, member)
-        is_single = rtol >= SINGLE_RTOL
+    done, _, reached, bb, is_single, carry = progress
+    is_begun = reached >= 0.0
+    is_residual_known = is_begun
     status = CONVERGED
-    while not reached <= rtol and status == CONVERGED:
+    while True:
+        if not is_residual_known:
+            before = reached
+            rr, bb = residual_of(begin, end, A, b, x, work.double, work.sums, member)
+            reached = np.sqrt(rr / bb) if bb > 0.0 else 0.0
+            if is_begun and not is_single and status == CONVERGED:
+                status = status_of_round(before, reached, rtol)
+            # float32 comes first, and once
+            is_single = not is_begun and rtol >= SINGLE_RTOL
+            is_begun = True
+            carry = START
+        if status != CONVERGED or reached <= rtol:
+            break
+        is_residual_known = False
+        limit_of_round = limit - done
         if is_single:
-            count, status, carry = _iterate_in_single(
-                begin, end, A, inverse, x, work, bb, rtol, limit - done, carry, member
-            )
+            if carry.rz < 0.0:
+                _convert(begin, end, A, inverse, np.sqrt(bb), work)
+            in_single = BlockRows(A.indptr, A.indices, work.values)
+            count, status, carry = conjugate_gradients(
+                in_single, work.inverse, work.x, work.single, work.sums, carry, rtol * rtol,
+                SINGLE_LEAST, limit_of_round, member,
+            )  # fmt: skip
+            if status == CONVERGED:
+                _add_correction(begin, end, np.sqrt(bb), work.x, x)
         else:
             count, status, carry = conjugate_gradients(
-                A, inverse, x, work.double, work.sums, carry, rtol * rtol * bb, 0.0,
-                limit - done, member,
+                A, inverse, x, work.double, work.sums, carry, rtol * rtol * bb,
+                0.0, limit_of_round, member,
             )  # fmt: skip
         done += count
         if status == OUT_OF_ITERATIONS:
             reached = np.sqrt(carry.rr if is_single else carry.rr / bb)
-        elif is_single and status != CONVERGED:
-            status = CONVERGED  # x is as before: once more in float64
-            is_single = False
-            carry = START
-        else:
-            before = reached
-            rr = residual_of(begin, end, A, b, x, work.double, work.sums, member)
-            reached = np.sqrt(rr / bb)
-            if status == CONVERGED:
-                status = status_of_round(is_single, before, reached, rtol)
-            is_single = False
-            carry = START
+            break
+        if is_single:
+            status = CONVERGED  # or x is as before: once more in float64
     return Progress(done, status, reached, bb, is_single, carry)
 
 
 @inner
-def status_of_round(is_single: bool, before: float, reached: float, rtol: float) -> int:
+def status_of_round(before: float, reached: float, rtol: float) -> int:
     """STANDS_STILL if a round in float64 has not halved the relative residual, else CONVERGED.
 
     `before` and `reached` are the relative residuals before and after the round.
     """
-    if not is_single and reached > max(rtol, 0.5 * before):
-        return STANDS_STILL
-    return CONVERGED
+    return STANDS_STILL if reached > max(rtol, 0.5 * before) else CONVERGED
 
 
 @inner
-def _begin(
-    begin: int, end: int, A: BlockRows, b: Array, x: Array, work: Work, member: Member
-) -> tuple[float, float]:
-    """Write the residual of x; return ‖b‖² and the relative residual."""
-    r = work.double.r
-    for block in range(begin, end):
-        first, last = nodes_of(block, len(b))
-        bb = 0.0
-        for i in range(first, last):
-            for c in range(3):
-                r[i, c] = b[i, c]
-                bb += b[i, c] * b[i, c]
-        work.sums[3, block] = bb
-    is_zero = True
-    for i in range(len(x)):
-        is_zero = is_zero and x[i, 0] == 0.0 and x[i, 1] == 0.0 and x[i, 2] == 0.0
-    wait(member)
-    bb = total(work.sums[3])
-    if bb == 0.0:
-        x[begin * BLOCK : end * BLOCK] = 0.0
-        return 0.0, 0.0
-    if is_zero:
-        return bb, 1.0
-    rr = residual_of(begin, end, A, b, x, work.double, work.sums, member)
-    return bb, np.sqrt(rr / bb)
+def _convert(begin: int, end: int, A: BlockRows, inverse: Array, size: float, work: Work) -> None:
+    """Write A d = r / ‖b‖, the equation of the correction ‖b‖ d, to the arrays in float32.
 
-
-@inner
-def _iterate_in_single(
-    begin: int, end: int, A: BlockRows, inverse: Array, x: Array, work: Work, bb: float,
-    rtol: float, limit: int, carry: Carry, member: Member,
-) -> tuple[int, int, Carry]:  # fmt: skip
-    """Iterate in float32 as `conjugate_gradients` does; add the correction to x at the end.
-
-    The equation is A d = r / ‖b‖ for the residual r, with numbers that are not too small for
-    float32. x += ‖b‖ d if the iterations converge; else x is not changed.
+    The right-hand side is divided by `size` = ‖b‖, so that no number is too small for float32.
+    Only the rows of blocks begin … end − 1 are written.
     """
     first = begin * BLOCK
-    last = nodes_of(end - 1, len(x))[1]
-    size = np.sqrt(bb)
-    if carry.rz < 0.0:
-        _convert(first, last, A, inverse, 1.0 / size, work)
-    in_single = BlockRows(A.indptr, A.indices, work.values)
-    count, status, carry = conjugate_gradients(
-        in_single, work.inverse, work.x, work.single, work.sums, carry, rtol * rtol,
-        SINGLE_LEAST, limit, member,
-    )  # fmt: skip
-    if status == CONVERGED:
-        for i in range(first, last):
-            for c in range(3):
-                x[i, c] += size * work.x[i, c]
-    return count, status, carry
-
-
-@inner
-def _convert(begin: int, end: int, A: BlockRows, inverse: Array, scale: float, work: Work) -> None:
-    """Write rows begin … end − 1 of A, M⁻¹ and `scale` r to the arrays in float32; d = 0."""
-    own = slice(A.indptr[begin], A.indptr[end])
-    _copy(A.values[own], work.values[own])
-    for i in range(begin, end):
+    last = nodes_of(end - 1, len(inverse))[1]
+    values = A.values[A.indptr[first] : A.indptr[last]]
+    in_single = work.values[A.indptr[first] : A.indptr[last]]
+    numbers = values.reshape(values.size)
+    out = in_single.reshape(values.size)
+    for k in range(len(out)):  # one long loop, which the compiler makes quick
+        out[k] = numbers[k]
+    for i in range(first, last):
         for k in range(6):
             work.inverse[i, k] = inverse[i, k]
         for c in range(3):
-            work.single.r[i, c] = scale * work.double.r[i, c]
+            work.single.r[i, c] = work.double.r[i, c] / size
             work.x[i, c] = 0.0
 
 
 @inner
-def _copy(a: Array, b: Array) -> None:
-    """b (…, 3, 3) = a, in one long loop, which the compiler makes quick."""
-    numbers = a.reshape(a.size)
-    out = b.reshape(b.size)
-    for k in range(len(out)):
-        out[k] = numbers[k]
+def _add_correction(begin: int, end: int, size: float, d: Array, x: Array) -> None:
+    """x += `size` d in blocks begin … end − 1."""
+    for i in range(begin * BLOCK, nodes_of(end - 1, len(x))[1]):
+        for c in range(3):
+            x[i, c] += size * d[i, c]

@@ -346,7 +346,7 @@ class Multigrid(PCG):
             progress = self._iterate(A, loop, start)
             reached = relative_residual(A, b, bb, x, r)
             if progress.status == CONVERGED:
-                status = status_of_round(False, start.reached, reached, rtol)
+                status = status_of_round(start.reached, reached, rtol)
                 progress = progress._replace(status=status)
             progress = progress._replace(reached=reached)
         return progress

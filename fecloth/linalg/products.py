@@ -10,8 +10,10 @@ rotate = reordered(3, 0, 1, 2)
 
 
 @inner
-def multiply(begin: int, end: int, A: BlockRows, p: Array, q: Array) -> None:
-    """q (n, 3) = A p of rows begin … end − 1; the fourth numbers of p (n, 4) are 0.
+def multiply(begin: int, end: int, A: BlockRows, p: Array, q: Array) -> float:
+    """q (n, 3) = A p of rows begin … end − 1; returns their part of pᵀq.
+
+    The fourth numbers of p (n, 4) are 0.
 
     A row of a block is multiplied at once, with the number that follows it in memory for a
     fourth one. Two blocks have sums of their own, so that no addition waits for the one before.
@@ -19,6 +21,7 @@ def multiply(begin: int, end: int, A: BlockRows, p: Array, q: Array) -> None:
     indices = A.indices
     values = A.values.reshape(A.values.size)  # faster than three indices, see `lane_blocks`
     zero = repeat(values.dtype.type(0))
+    pq = 0.0
     for node in range(begin, end):
         i = np.uintp(node)  # not negative: the compiler need not look
         a1 = a2 = a3 = b1 = b2 = b3 = zero
@@ -43,6 +46,9 @@ def multiply(begin: int, end: int, A: BlockRows, p: Array, q: Array) -> None:
             b3 = multiply_add(load(values, (k + np.uintp(5),)), rotate(y), b3)
             s += np.uintp(1)
             k += np.uintp(9)
-        q[i, 0] = sum_of(a1, b1)
-        q[i, 1] = sum_of(a2, b2)
-        q[i, 2] = sum_of(a3, b3)
+        q1, q2, q3 = sum_of(a1, b1), sum_of(a2, b2), sum_of(a3, b3)
+        q[i, 0] = q1
+        q[i, 1] = q2
+        q[i, 2] = q3
+        pq += p[i, 0] * q1 + p[i, 1] * q2 + p[i, 2] * q3
+    return pq
