@@ -5,7 +5,7 @@ import pytest
 
 from fecloth.scene.scene import load_scene
 from studies.evidence.benchmarks import commands
-from studies.evidence.benchmarks.commands import Run, findings_of, missed_energy, row_of
+from studies.evidence.benchmarks.commands import Run, findings_of, missed_energy, page_of, row_of
 
 
 def run_of(seconds, newton, x):
@@ -30,6 +30,9 @@ def test_a_row_has_the_ratio_and_the_distance_over_the_extent():
     assert (row["ratio"], row["apart"], row["Newton"]) == (0.3, 0.25, "100 → 103")
     assert [finding.is_met for finding in findings_of([row])] == [True, False]
     assert not findings_of([row_of("flag", 0.29, before, now)])[0].is_met
+    page = page_of("6c98bcf9", 3, [row])
+    assert page.startswith("# CPU seconds of whole commands, over those of commit 6c98bcf9\n")
+    assert "| flag | 10 | 3 | 0.3 | 0.33 | 100 → 103 | 0.25 | 0.01 |" in page
 
 
 def test_the_missed_energy_is_relative_to_the_largest_change():
