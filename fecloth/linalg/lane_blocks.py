@@ -10,10 +10,15 @@ one that counts nothing. The blocks of a matrix are taken from one array of all 
 the compiler does not know that a row of `values` (b, 3, 3) has three numbers.
 """
 
+from typing import Any
+
 import numpy as np
 
-from fecloth.compiled.jit import inlined
+from fecloth.compiled.jit import Array, inlined
 from fecloth.compiled.lanes import group, load, multiply_add, number_of, reordered, repeat, store
+
+Lanes = tuple[Any, Any, Any]
+"""Two groups of four numbers, and a number."""
 
 _rows_begin = reordered(0, 0, 0, 1)
 _rows_end = reordered(1, 1, 2, 2)
@@ -22,19 +27,19 @@ _columns_end = reordered(1, 2, 0, 1)
 
 
 @inlined
-def as_rows(a):
+def as_rows(a: Any) -> Lanes:
     """The lanes of a vector a in a bᵀ."""
     return _rows_begin(a), _rows_end(a), number_of(a, 2)
 
 
 @inlined
-def as_columns(b):
+def as_columns(b: Any) -> Lanes:
     """The lanes of a vector b in a bᵀ."""
     return _columns_begin(b), _columns_end(b), number_of(b, 2)
 
 
 @inlined
-def add_product(rows, columns, block):
+def add_product(rows: Lanes, columns: Lanes, block: Lanes) -> Lanes:
     """`block` + a bᵀ for the `rows` of a and the `columns` of b."""
     return (
         multiply_add(rows[0], columns[0], block[0]),
@@ -44,7 +49,7 @@ def add_product(rows, columns, block):
 
 
 @inlined
-def add_to_diagonal(g, block):
+def add_to_diagonal(g: float, block: Lanes) -> Lanes:
     """`block` + g I."""
     first = group(g, 0.0, 0.0, 0.0)
     one = repeat(1.0)
@@ -56,7 +61,7 @@ def add_to_diagonal(g, block):
 
 
 @inlined
-def block_of(numbers, s):
+def block_of(numbers: Array, s: Any) -> Lanes:
     """Block s of a matrix, whose blocks have these `numbers` (9 b,)."""
     first = np.uintp(9) * s
     end = load(numbers, (first + np.uintp(4),))
@@ -64,7 +69,7 @@ def block_of(numbers, s):
 
 
 @inlined
-def write_block(block, numbers, s):
+def write_block(block: Lanes, numbers: Array, s: Any) -> None:
     """Write block s of a matrix, whose blocks have these `numbers` (9 b,)."""
     first = np.uintp(9) * s
     store(block[0], numbers, (first,))
