@@ -66,19 +66,19 @@ def _run_scene(scene: "Scene", path: Path, quiet: bool, **how: Any) -> "SceneRes
     `how` are further arguments of `run_scene`.
     """
     from fecloth.cli.describe import sources
-    from fecloth.cli.progress import progress, terminal
+    from fecloth.cli.progress import progress, show, terminal
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import plan
 
     console = terminal()
 
     def warn(words: str) -> None:
-        console.print(f"warning: {words}", soft_wrap=True)
+        show(f"warning: {words}", console)
 
     def announce(problem: "Problem", why: str, warnings: list[str]) -> None:
         if not quiet:
             lines = [*sources(problem.system.fabric), *plan(problem, why)]
-            console.print("\n".join(lines), soft_wrap=True)
+            show("\n".join(lines), console)
         for words in warnings:
             warn(words)
 

@@ -14,7 +14,7 @@ from fecloth.output.vtu_writer import Arrays
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
 from fecloth.system.system import System
-from fecloth.terms.kinematics import deformation_gradient, principal_stretches
+from fecloth.terms.kinematics import deformation_gradient, mean_over_triangles, stretches_of
 
 STATIC = ("quality", "region", "reference", "held")  # the same in all frames
 
@@ -99,17 +99,17 @@ def _cells(
     `gradients` are ∂N_a/∂X of all triangles along the axes of F. `stress` (m, 4) are S11, S22,
     S12 [N/m] and the energy density W [J/m²] of all triangles; without it there are no stresses.
     """
-    share = cloth.weights[part] / cloth.weights[part].sum(axis=1, keepdims=True)
     F = deformation_gradient(cloth, x, gradients, part)
-    mean_F = np.einsum("eq,eqij->eij", share, F)
+    mean_F = mean_over_triangles(cloth, F, part)
     R, U = _polar(mean_F)
     # The mean of the strain; for P2 it is not the strain of the mean F.
-    E = (np.einsum("eq,eqij,eqik->ejk", share, F, F) - np.eye(2)) / 2
+    mean_FTF = mean_over_triangles(cloth, F.swapaxes(2, 3) @ F, part)
+    E = (mean_FTF - np.eye(2)) / 2
     cells = {
         "E11": E[:, 0, 0],
         "E22": E[:, 1, 1],
         "E12": E[:, 0, 1],
-        "principal_stretches": principal_stretches(cloth, x, part),
+        "principal_stretches": stretches_of(mean_FTF),
         "warp": _single(mean_F[..., 0]),
         "weft": _single(mean_F[..., 1]),
         "strain_tensor": _turned(R, E),
@@ -129,7 +129,7 @@ def _stresses(R: np.ndarray, U: np.ndarray, stress: np.ndarray) -> Arrays:
     S11, S22, S12, W = stress.T
     S = np.stack([S11, S12, S12, S22], axis=1).reshape(-1, 2, 2)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        T = U @ S @ U / np.linalg.det(U)[:, None, None]
+        T = U @ S @ U / _determinant(U)[:, None, None]
     T[~np.isfinite(T)] = 0.0  # a triangle without area
     # The principal stresses by Mohr's circle.
     mean = (T[:, 0, 0] + T[:, 1, 1]) / 2
@@ -152,7 +152,7 @@ def _polar(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     # U² = FᵀF gives U = (FᵀF + J I) / √(tr FᵀF + 2J) with J = det U (Cayley and Hamilton).
     C = F.transpose(0, 2, 1) @ F
-    J = np.sqrt(np.maximum(np.linalg.det(C), 0.0))[:, None, None]
+    J = np.sqrt(np.maximum(_determinant(C), 0.0))[:, None, None]
     trace = np.trace(C, axis1=1, axis2=2)[:, None, None]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         U = (C + J * np.eye(2)) / np.sqrt(trace + 2 * J)
@@ -162,9 +162,16 @@ def _polar(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return R, U
 
 
+def _determinant(A: np.ndarray) -> np.ndarray:
+    """(m,) the determinants of A (m, 2, 2), in a fifth of the time of `np.linalg.det`."""
+    return A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] * A[:, 1, 0]
+
+
 def _turned(R: np.ndarray, T: np.ndarray) -> np.ndarray:
     """(m, 9) the tensors R T Rᵀ in space, row by row."""
-    return _single((R @ T @ R.transpose(0, 2, 1)).reshape(-1, 9))
+    RT = _single(R @ T)[:, :, None]
+    R = _single(R)[:, None]
+    return (RT[..., 0] * R[..., 0] + RT[..., 1] * R[..., 1]).reshape(-1, 9)
 
 
 def _single(values: np.ndarray) -> np.ndarray:

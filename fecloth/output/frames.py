@@ -2,7 +2,8 @@
 
 A frame's points are the current positions, so that no filter is needed; its arrays are the
 arrays of `frame_arrays`. The time is in the field data as TimeValue, where VTK looks for it.
-Numbers are float64, compressed without loss: a frame read back is the state itself.
+Positions, velocities and the time are float64: a frame read back is the state itself. All other
+numbers are float32, which is enough to draw them.
 """
 
 from array import array

@@ -18,7 +18,6 @@ A run writes its frames as .vtu, which a killed process leaves whole, and gather
 end.
 """
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +27,6 @@ from fecloth.output.frame_arrays import STATIC
 from fecloth.output.frame_reader import Frame, Series, h5py
 from fecloth.output.vtu_writer import CELLS, Arrays
 
-CHUNK = 1 << 18  # bytes of a dataset that are compressed and read at a time
 COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
 
 
@@ -74,7 +72,7 @@ def _write_triangles(root, frame: Frame) -> None:
 
 
 def _write_steps(root, arrays: Arrays, times: tuple[float, ...]) -> None:
-    """Write times and offsets, and make datasets for all frames, compressed without loss.
+    """Write times and offsets, and make datasets for all frames.
 
     `arrays` are the arrays of the first frame by their names; each dataset has its rows for all
     frames, or once if the array is static. The datasets are still empty.
@@ -87,7 +85,6 @@ def _write_steps(root, arrays: Arrays, times: tuple[float, ...]) -> None:
     steps["PartOffsets"] = np.zeros(count, np.int64)
     for name in ("CellOffsets", "ConnectivityIdOffsets"):
         steps[name] = np.zeros((count, 1), np.int64)
-    packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
     for name, data in arrays.items():
         group, _, name_in_group = name.partition("/")  # Points is in no group
         offsets = f"{group}Offsets/{name_in_group}" if name_in_group else "PointOffsets"
@@ -97,7 +94,4 @@ def _write_steps(root, arrays: Arrays, times: tuple[float, ...]) -> None:
         else:
             steps[offsets] = np.arange(count) * len(data)
             rows = len(data) * count
-        shape_of_row = data.shape[1:]
-        rows_of_chunk = max(1, CHUNK // (8 * math.prod(shape_of_row)))  # 8 bytes a number
-        chunks = (min(rows_of_chunk, rows), *shape_of_row)
-        root.create_dataset(name, (rows, *shape_of_row), data.dtype, chunks=chunks, **packing)
+        root.create_dataset(name, (rows, *data.shape[1:]), data.dtype)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from fecloth.compiled.calls import Call
 from fecloth.errors import InputError
+from fecloth.quantities.formula_functions import is_smooth
 from fecloth.quantities.formula_syntax import parse
 from fecloth.quantities.formula_tape import Program, Tape
 from fecloth.validation import known
@@ -82,6 +83,11 @@ class Formula:
         """
         number: float = self._checked(np.array(numbers, float).reshape(-1, 1)).item()
         return number
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether it consists of smooth functions only, so that it jumps nowhere."""
+        return is_smooth(_parse(self.text, self.variables, self.condition))
 
     def derivative(self, variable: str) -> "Formula":
         """Return the exact derivative by a variable, as a formula.

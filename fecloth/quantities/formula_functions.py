@@ -50,6 +50,7 @@ FUNCTIONS: dict[str, Function] = {
     ),
     "smoothstep": Function(Operation.SMOOTHSTEP, ("a", "b", "t"), _RAMP),
 }
+SMOOTH = {"sin", "cos", "tanh", "exp", "log", "sqrt"}  # where they are finite
 UNARY: dict[type[ast.unaryop], Operation | None] = {
     ast.USub: Operation.NEGATE,
     ast.UAdd: None,  # +x is x
@@ -103,3 +104,17 @@ CHOICES: dict[Operation, str] = {  # da, db, dc are the derivatives of the opera
     Operation.MAX: "where(a > b, da, db)",
 }
 """Derivatives of operations that choose one of their operands."""
+
+
+def is_smooth(tree: ast.AST) -> bool:
+    """Return whether a checked syntax tree consists of smooth functions only.
+
+    The others are kinks and jumps, such as abs and floor, what has a condition, and the
+    remainder.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Mod | ast.Compare | ast.BoolOp):
+            return False
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") not in SMOOTH:
+            return False
+    return True

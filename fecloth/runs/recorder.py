@@ -81,7 +81,14 @@ class Recorder:
         self.scene = scene
         self.start = start
         self.doubts_before_run = doubts_before_run
-        self.run = Run(problem.system, problem.method, problem.observer.start, 0, MOST_GROWTH)
+        self.run = Run(
+            system=problem.system,
+            method=problem.method,
+            start=problem.observer.start,
+            step=0,
+            most_growth=MOST_GROWTH,
+            t_end=problem.t_end,
+        )
         self.files = RunFiles(folder, problem)
         with watch.phase("output"):
             if earlier:

@@ -31,6 +31,8 @@ from fecloth.quantities.arguments import by_new_names
 from fecloth.scene.error_words import shorten
 from fecloth.scene.type_words import holds_tables, in_si, meaning, options, phrase, writable
 
+TERM = ForwardRef("Term")
+
 
 class Table(BaseModel):
     """A table whose keys are the fields; unknown and missing keys are refused with a remedy."""
@@ -42,6 +44,7 @@ class Table(BaseModel):
         allow_inf_nan=False,
         arbitrary_types_allowed=True,
         use_attribute_docstrings=True,
+        defer_build=True,  # most tables are read as parts of others
     )
 
     shorthands: ClassVar[dict[str, FieldInfo]] = {}
@@ -174,7 +177,7 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
             continue
         hint = writable(hints[field.name])
         if hint is object:  # "Term" is resolved when all tables of terms are made
-            hint = Union[ForwardRef("Term"), None]  # noqa: UP007
+            hint = Union[TERM, None]  # noqa: UP007
         fields[field.name] = (hint, _find_default(field))
     described: dict[str, Any] = {
         key: (hint, Field(default, description=meanings.get(key)))

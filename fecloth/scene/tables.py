@@ -21,7 +21,7 @@ from fecloth.quantities.rotation import Rotation
 from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
 from fecloth.scene.field_types import File, resolve_path
 from fecloth.scene.placement import RotationTable
-from fecloth.scene.table_model import Made, one_of, table_of
+from fecloth.scene.table_model import TERM, Made, one_of, table_of
 from fecloth.terms.contact import shapes
 from fecloth.terms.membranes.curves import CurveData, read_rows
 from fecloth.terms.protocol import is_description
@@ -108,7 +108,9 @@ def terms_with(own: Mapping[str, type]) -> tuple[dict[str, type[Made]], Any]:
     }
     term = one_of("type", tables)
     for table in tables.values():
-        table.model_rebuild(_types_namespace={"Term": term})
+        types = (typing.get_args(field.annotation) for field in table.model_fields.values())
+        if any(TERM in of_field for of_field in types):
+            table.model_rebuild(_types_namespace={"Term": term})
     return tables, term
 
 

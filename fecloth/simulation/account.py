@@ -5,9 +5,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self, TypeVar, cast
 
+import numpy as np
+
 from fecloth.mesh.surface import Surface
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
-from fecloth.simulation.doubts.signals import Signal, find_signals
+from fecloth.simulation.doubts.jumps import find_load_jumps
+from fecloth.simulation.doubts.signals import find_signals
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -32,6 +35,8 @@ class Run:
         Number of the last step before the start.
     most_growth
         As for `run`.
+    t_end
+        The end of the run [s].
     """
 
     system: System
@@ -39,6 +44,7 @@ class Run:
     start: State
     step: int
     most_growth: float
+    t_end: float
 
     @cached_property
     def surface(self) -> Surface:
@@ -46,10 +52,10 @@ class Run:
         return Surface.from_cloth(self.system.cloth)
 
     @cached_property
-    def loads(self) -> tuple[Signal, ...]:
-        """The loads that depend on time, and the points of tethers."""
-        signals = find_signals(self.system, self.start, self.start.t, True)
-        return tuple(signal for signal in signals if signal.kind in ("load", "tether"))
+    def load_jumps(self) -> np.ndarray:
+        """When loads and the points of tethers jump (k,) [s], in their order."""
+        signals = find_signals(self.system, self.start, self.t_end, True)
+        return find_load_jumps(signal for signal in signals if signal.kind in ("load", "tether"))
 
 
 @dataclass(frozen=True, eq=False)

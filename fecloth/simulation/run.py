@@ -279,6 +279,7 @@ def run(
         ledger,
         observer,
         why,
+        end,
         most_growth=most_growth,
         report=report,
         foreseen=foreseen,
@@ -297,6 +298,7 @@ def collect(
     ledger: Ledger,
     observer: Observer,
     why: str,
+    t_end: float,
     most_growth: float = MOST_GROWTH,
     report: Callable[[StepInfo], None] = lambda info: None,
     foreseen: tuple[Doubt, ...] = (),
@@ -307,11 +309,12 @@ def collect(
 
     The ledger and the observer are at the state before the first step, of the number `step` + 1.
     `why` is the linear solver and why it was chosen, `foreseen` are the doubts from before the
-    first step. The other arguments are as for `run` and `record_steps`.
+    first step, and `t_end` is the end of the run [s]. The other arguments are as for `run` and
+    `record_steps`.
     """
     begin = time.perf_counter()
     seconds = Counter[str]()
-    of_run = Run(system, method, observer.start, step, most_growth)
+    of_run = Run(system, method, observer.start, step, most_growth, t_end)
     kinds = list_accounts(is_static=isinstance(method, LoadSteps))
     accounts = Accounts.begin(kinds, of_run, ledger)
     state = observer.start

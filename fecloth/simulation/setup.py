@@ -221,6 +221,7 @@ class Setup:
             self.ledger,
             self.observer,
             why,
+            self.t_end,
             report=report,
             next_row=next_row,
         )

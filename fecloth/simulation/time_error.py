@@ -11,9 +11,7 @@ from fecloth.linalg.reductions import rms
 from fecloth.simulation.account import NEVER, Account, Accounts, End, Run
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import MOTION_AT_REST, Deformation
-from fecloth.simulation.doubts.jumps import Jump, find_jumping_motions, find_jumps
-from fecloth.simulation.doubts.planned_run import attempt
-from fecloth.simulation.doubts.signals import ROUND_OFF_OF_SIGNAL
+from fecloth.simulation.doubts.jumps import NEAR, Jump, find_jumping_motions
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_transport import Error, Transport
 from fecloth.simulation.rigid_motion import derivative, rms_without_rigid
@@ -33,7 +31,6 @@ from fecloth.terms.traits import has_kind
 MEAN = math.pi / 2  # peak of |sin| over its mean
 # Of a gap: so much a barrier gives way under the weight, and no place is sharper.
 GAP_GIVEN_WAY = 0.1
-SAMPLES_OF_LOADS = 33  # between two samples of the motion, at loads that may jump
 LARGEST_GAIN = 4.0  # what is carried over the sum of errors; above, small errors have grown
 LARGEST_LOSS = 6.0  # the sum over what is carried; above, the field has missed what happened
 GROWS = (
@@ -376,12 +373,14 @@ class TimeError(Account):
         the velocity, by dt Δa/4 on average. Errors of several jumps add up as random ones.
         """
         last = self.recent[-1]
-        if not run.loads or not sample.t > last.t or drift_of(run.method.traits) is None:
+        if not sample.t > last.t or drift_of(run.method.traits) is None:
+            return self
+        since = last.t if len(self.recent) > 1 else -math.inf  # also what jumps at the start
+        times = run.load_jumps[(run.load_jumps > since) & (run.load_jumps <= sample.t)]
+        if not len(times):
             return self
         dt = _mean_step(last, sample)
-        jumps = attempt(_jumps_of_loads, run, state, last.t, sample.t, otherwise=())
-        if not jumps:
-            return self
+        jumps = [(t, _change_at(run, state, t)) for t in times.tolist()]
         error = self.error or Error.none(state.x)
         kick = self.kick
         begin = last.t  # from where `_moved_on` moves the error
@@ -402,21 +401,11 @@ class TimeError(Account):
         return self.changed(moved=max(self.moved, moved), looked=state.t)
 
 
-def _jumps_of_loads(run: Run, state: State, begin: float, end: float):
-    """Return the time of each jump of loads [s], and that of the acceleration (n, 3) [m/s²]."""
-    times = np.linspace(begin, end, SAMPLES_OF_LOADS)
-    jumps = set()
-    for load in run.loads:
-        g = np.asarray(load.values(times), float).reshape(SAMPLES_OF_LOADS, -1)
-        least = ROUND_OFF_OF_SIGNAL * np.abs(g).max()
-        jumps |= {t for t, _ in find_jumps(times, g, load.values, least)}
-    near = 1e-9 * (end - begin)
-    sizes = []
-    for t in sorted(jumps):
-        before = acceleration(run.system, replace(state, t=max(begin, t - near)))
-        after = acceleration(run.system, replace(state, t=max(begin, t + near)))
-        sizes.append((t, after - before))
-    return sizes
+def _change_at(run: Run, state: State, t: float) -> np.ndarray:
+    """Return the jump of the acceleration (n, 3) [m/s²] at the time t [s] of a jump of loads."""
+    near = NEAR * (run.t_end - run.start.t)
+    before = acceleration(run.system, replace(state, t=max(run.start.t, t - near)))
+    return acceleration(run.system, replace(state, t=t + near)) - before
 
 
 def _as_random(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -1,17 +1,19 @@
 """One style for all figures: legible at 800 pixels, lines differ in colour and marker."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from fecloth.view.charts import COLOURS, STYLE
+from fecloth.view.charts import COLOURS
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
 Figure: TypeAlias = "matplotlib.figure.Figure"  # imported when a figure is drawn: it takes 0.5 s
 
+STYLE = Path(__file__).with_name("figures.mplstyle")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "h")
 DASHES = ("-", "--", "-.", ":")
 LABEL_DISTANCE = 0.062  # of two labels, over the height of the axes: a line of text

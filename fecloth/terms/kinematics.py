@@ -42,10 +42,21 @@ def principal_stretches(cloth: Cloth, x: np.ndarray, triangles: slice = ALL) -> 
     They belong to the mean of FᵀF over the area of the triangle.
     """
     F = deformation_gradient(cloth, x, triangles=triangles)
+    return stretches_of(mean_over_triangles(cloth, F.swapaxes(2, 3) @ F, triangles))
+
+
+def mean_over_triangles(cloth: Cloth, values: np.ndarray, triangles: slice) -> np.ndarray:
+    """Return the means (m, …) of values at the quadrature points (m, q, …) of triangles."""
     weights = cloth.weights[triangles]
     share = weights / weights.sum(axis=1, keepdims=True)
-    mean_FTF = np.einsum("eq,eqij,eqik->ejk", share, F, F)
-    squared_stretches = np.linalg.eigvalsh(mean_FTF)  # of each triangle, the smaller one first
+    return (share.reshape(*share.shape, *[1] * (values.ndim - 2)) * values).sum(axis=1)
+
+
+def stretches_of(FTF: np.ndarray) -> np.ndarray:
+    """Return the smaller and the larger principal stretch (m, 2) of FᵀF (m, 2, 2)."""
+    mean = 0.5 * (FTF[:, 0, 0] + FTF[:, 1, 1])
+    radius = np.hypot(0.5 * (FTF[:, 0, 0] - FTF[:, 1, 1]), FTF[:, 0, 1])
+    squared_stretches = np.column_stack([mean - radius, mean + radius])
     return np.sqrt(np.maximum(squared_stretches, 0.0))  # they may be < 0 by round-off
 
 

@@ -1,38 +1,28 @@
-"""Charts of a run for HTML pages, drawn by Matplotlib as SVG in the style of all figures.
+"""Charts of a run for HTML pages, as SVG that takes the width of its container.
 
+The last lines of each run write some, and Matplotlib would take longer than a small run.
 `observed_charts` lists the charts of observed.csv, and `result_figures` shows a result in a
 notebook.
 """
 
-import io
+import math
 from collections.abc import Iterable, Mapping
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from fecloth.output.frame_reader import drawable
 from fecloth.view.web_page import render
 
-STYLE = Path(__file__).with_name("figures.mplstyle")
 # Okabe and Ito (2008): colours that colour-blind readers can tell apart, without yellow, which
 # is too light for a line on white.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-STYLE_IN_PAGES: dict[Any, Any] = {
-    "font.size": 10,
-    "font.sans-serif": ["DejaVu Sans"],
-    "svg.fonttype": "none",  # text stays text, which takes less room and can be searched
-    "axes.xmargin": 0,
-    "axes.formatter.limits": (-3, 4),  # powers of ten outside: shorter labels
-    "axes.formatter.offset_threshold": 5,  # 1.0002 and not 2, with 1e−4+1 above the axis
-    "xtick.major.size": 0,
-    "ytick.major.size": 0,
-}
 # Of columns of observed.csv, by how their names begin. Other vectors are positions.
 UNITS = {"sag": "[m]", "area": "[m²]", "least_distance": "[m]", "reaction": "[N]"}
-SIZE = (4.6, 2.5)  # of a chart [inches]
-AXES = (0.19, 0.17, 0.78, 0.74)  # left, bottom, width and height of its axes, over its size
-NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))  # the same run, the same file
+WIDTH = 366  # of the field of the curves, in units of the SVG; chart.html adds the margins
+HEIGHT = 182
+TICKS = 6  # of an axis, at most
+LONGEST_LABEL = 7  # characters of a tick; where one needs more, all are differences
 
 
 class Chart(NamedTuple):
@@ -65,60 +55,137 @@ def draw(charts: Iterable[Chart], x: str = "t [s]") -> list[str]:
     `x` is the label of the x axis. A curve has a gap where a value is not finite or far too
     large, and on a logarithmic axis where it is not positive.
     """
-    from matplotlib import rc_context  # here, as its import is slow
-    from matplotlib.figure import Figure
-
-    shown = [_drawable(chart) for chart in charts]
-    with rc_context(STYLE_IN_PAGES, STYLE):
-        ax = Figure(figsize=SIZE).add_axes(AXES)  # for all charts: new ones take twice the time
-        ax.xaxis.set_label_coords(0.5, -0.13)  # else they are placed by the ticks: slower
-        ax.yaxis.set_label_coords(-0.2, 0.5)
-        return [_draw_on(ax, chart, x) for chart in shown if chart.curves]
+    return [_draw(chart, x) for chart in map(_drawable, charts) if chart.curves]
 
 
 def _drawable(chart: Chart) -> Chart:
-    """Return a chart with NaN for values without a place, and curves of two points or more."""
+    """Return a chart with NaN for values without a place, and curves of two points or more.
+
+    The values of a logarithmic chart become decimal logarithms.
+    """
     curves = {}
     for name, values in chart.curves.items():
         y = np.asarray(values, float)
         y = np.where(drawable(y) & ((y > 0) | (not chart.log)), y, np.nan)
         if np.isfinite(y).sum() > 1:
-            curves[name] = y
+            curves[name] = np.log10(y) if chart.log else y
     return chart._replace(curves=curves)
 
 
-def _draw_on(ax, chart: Chart, x: str) -> str:
-    """Draw a chart on these axes, and return its <figure>; its curves are removed again."""
+def _draw(chart: Chart, x: str) -> str:
+    """Return the <figure> of a chart of `_drawable`."""
+    across = _axis(chart.t, WIDTH)
+    up = _axis(np.stack(list(chart.curves.values())), HEIGHT, chart.log, to_ticks=True)
     lines = [
-        ax.plot(chart.t, y, color=COLOURS[i % len(COLOURS)], label=name)[0]
+        {"name": name, "colour": COLOURS[i % len(COLOURS)], "path": _path(across, up, chart.t, y)}
         for i, (name, y) in enumerate(chart.curves.items())
     ]
-    ax.set(xlabel=x, ylabel=chart.y)
-    _scale(ax, list(chart.curves.values()), chart.log)
-    svg = io.StringIO()
-    ax.figure.savefig(svg, format="svg", metadata=NO_METADATA)
-    for line in lines:
-        line.remove()
-    picture = svg.getvalue()
-    values = {"title": chart.title, "lines": lines, "svg": picture[picture.index("<svg") :]}
+    values = {
+        "title": chart.title,
+        "lines": lines,
+        "x": x + across.above,
+        "y": chart.y + up.above,
+        "width": WIDTH,
+        "height": HEIGHT,
+        "across": across.labels,
+        "up": [(HEIGHT - at, label) for at, label in up.labels],
+    }
     return render("chart.html", values)
 
 
-def _scale(ax, curves: list[np.ndarray], log: bool) -> None:
-    """Fit the axes to the curves; a logarithmic y axis begins and ends at a power of ten."""
-    ax.set_yscale("log" if log else "linear")
-    ax.locator_params(axis="x", nbins=6)
-    ax.relim()
-    ax.autoscale()
-    if not log:
-        ax.locator_params(axis="y", nbins=6)
-        return
-    exponents = np.log10(np.concatenate(curves))
-    # A curve at a power of ten, as a constant dt, is not drawn on the border.
-    ends = np.ceil(np.nanmin(exponents)) - 1, np.floor(np.nanmax(exponents)) + 1
-    ax.set_ylim(*np.power(10.0, ends))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.minorticks_off()
+def _path(across: "Axis", up: "Axis", t: np.ndarray, y: np.ndarray) -> str:
+    """Return the path of a curve, with a line for each piece between gaps, which are NaN.
+
+    Of a long curve it has the extremes of equal spans of the x axis, so that no peak is lost.
+    """
+    shown = np.arange(len(t))
+    if len(t) > 2 * WIDTH:
+        spans = np.array_split(shown, WIDTH)
+        least = [span[np.argmin(np.nan_to_num(y[span], nan=np.inf))] for span in spans]
+        most = [span[np.argmax(np.nan_to_num(y[span], nan=-np.inf))] for span in spans]
+        shown = np.unique([0, *least, *most, len(t) - 1])
+    points = np.column_stack([across.place(t[shown]), HEIGHT - up.place(y[shown])])
+    path = ""
+    command = "M"
+    for at, height in points.tolist():
+        if math.isnan(height):
+            command = "M"
+        else:
+            path += f"{command}{at:.1f} {height:.1f}"
+            command = "L"
+    return path
+
+
+class Axis(NamedTuple):
+    """An axis of a chart.
+
+    Attributes
+    ----------
+    low, high
+        The values at its ends.
+    length
+        Its length in units of the SVG.
+    labels
+        Where there is a tick, and its label.
+    above
+        What the label of the axis adds if the labels of the ticks are differences.
+    """
+
+    low: float
+    high: float
+    length: int
+    labels: list[tuple[float, str]]
+    above: str = ""
+
+    def place(self, values: np.ndarray) -> np.ndarray:
+        """Return where values are, in units of the SVG from the end with the lower value."""
+        return (values - self.low) / (self.high - self.low) * self.length
+
+
+def _axis(values: np.ndarray, length: int, log: bool = False, to_ticks: bool = False) -> Axis:
+    """Return an axis with round ticks that includes the values.
+
+    With `log` the values are decimal logarithms, and the ticks whole ones. With `to_ticks` the
+    axis begins and ends at a tick, else at the extremes of the values.
+    """
+    low = float(np.nanmin(values))
+    high = float(np.nanmax(values))
+    if log:  # a curve at a power of ten, as a constant dt, is not on the border
+        low = math.ceil(low) - 1
+        high = math.floor(high) + 1
+    elif high - low <= 1e-12 * max(abs(low), abs(high)):  # the same up to round-off
+        low -= 0.5 * abs(low) or 0.5
+        high += 0.5 * abs(high) or 0.5
+    step = _round_step((high - low) / (TICKS - 1))
+    if log:
+        step = max(1.0, math.ceil(step))
+    if to_ticks:
+        low = step * math.floor(low / step)
+        high = step * math.ceil(high / step)
+    near = 1e-9  # of a step, so that round-off loses no tick at an end
+    steps = np.arange(math.ceil(low / step - near), math.floor(high / step + near) + 1)
+    ticks = step * steps
+    labels = [_number(value) for value in (10.0**ticks if log else ticks)]
+    above = ""
+    if max(map(len, labels), default=0) > LONGEST_LABEL:
+        above = f", above {_number(ticks[0])}"
+        labels = [_number(value) for value in step * (steps - steps[0])]
+    axis = Axis(low, high, length, [], above)
+    return axis._replace(labels=list(zip(axis.place(ticks).tolist(), labels, strict=True)))
+
+
+def _round_step(size: float) -> float:
+    """Return the smallest of 1, 2, 2.5, 5 and 10 times a power of ten that is not below size."""
+    power = 10.0 ** math.floor(math.log10(size))
+    return next(power * k for k in (1, 2, 2.5, 5, 10) if power * k >= 0.999 * size)
+
+
+def _number(value: float) -> str:
+    """Return a number as text, with a power of ten where that is needed, and a minus sign."""
+    text = f"{value:.12g}"
+    if len(text) > LONGEST_LABEL:
+        text = np.format_float_scientific(float(text), trim="-", exp_digits=1).replace("+", "")
+    return text.replace("e-0", "e-").replace("-", "−")
 
 
 def observed_charts(table: Mapping[str, np.ndarray]) -> list[Chart]:

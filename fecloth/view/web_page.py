@@ -55,7 +55,20 @@ CLIPPED_PERCENT = 0.5  # of the values beyond each end of a colour bar, so that 
 AZIMUTH = math.radians(-62.0)
 ELEVATION = math.radians(16.0)
 ELEVATION_OF_FLAT = math.radians(35.0)
-COLOURS = 11  # of viridis, at equal steps, between which viewer.js interpolates
+# Viridis by van der Walt and Smith (2015) at equal steps, between which viewer.js interpolates.
+VIRIDIS = (
+    "#440154",
+    "#482475",
+    "#414487",
+    "#355f8d",
+    "#2a788e",
+    "#21918c",
+    "#22a884",
+    "#44bf70",
+    "#7ad151",
+    "#bddf26",
+    "#fde725",
+)
 
 
 @dataclass(frozen=True)
@@ -189,11 +202,8 @@ def pack_frames(
     high = points.max(axis=(0, 1))
     view = view_of(low, high)
     triangles = frame_reader.straight(frame.cells)  # the same in all frames
-    from matplotlib import colormaps  # here, as its import is slow
-
-    viridis = colormaps["viridis"](np.linspace(0, 1, COLOURS))
     return {
-        "colours": viridis[:, :3].tolist(),
+        "colours": [[byte / 255 for byte in bytes.fromhex(colour[1:])] for colour in VIRIDIS],
         "shades": checker_pattern.SHADES,
         "times": times,
         "unit": unit,

@@ -16,7 +16,7 @@ from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.cli.progress import terminal
+from fecloth.cli.progress import show, terminal
 from fecloth.runs.interruption import Interrupted
 
 SCENE = """
@@ -124,10 +124,14 @@ def test_the_c_locale(scene):
 
 
 @pytest.mark.parametrize("name", ["[/red]x", "[start]", "[bold]", ":smile:", "\\[red]", "[link=x]"])
-def test_the_terminal_prints_text_as_it_is(capsys, name):
+def test_the_terminal_prints_text_as_it_is(capsys, monkeypatch, name):
     assert escape(name) != name or ":" in name or "\\" in name
-    terminal().print(f"warning: the region {name} is heavy", soft_wrap=True)
-    assert capsys.readouterr().err == f"warning: the region {name} is heavy\n"
+    for is_terminal in (False, True):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda is_terminal=is_terminal: is_terminal)
+        console = terminal()
+        assert (console is not None) == is_terminal
+        show(f"warning: the region {name} is heavy", console)
+        assert capsys.readouterr().err == f"warning: the region {name} is heavy\n"
 
 
 @pytest.mark.stories

@@ -110,7 +110,7 @@ class Law(MembraneLaw):
 def height(y, c, order, C, g, H):
     C[0] = user_helpers.multiply(y[0, 2], c[0])
 
-KERNELS = bound_condition.kernels(height)
+KERNELS = bound_condition.ConditionKernels(height)
 
 @kernel
 def add(x):

@@ -49,6 +49,11 @@ def states(system):
     ]
 
 
+def stored(name, values):
+    """What a frame holds of an array: float64 of the state, float32 of what is only drawn."""
+    return values if name == "velocity" or values.dtype != float else values.astype(np.float32)
+
+
 def at(state, t):
     return replace(state, t=t)
 
@@ -167,27 +172,23 @@ def test_meshio_reads_the_same_numbers(system, states, tmp_path):
     assert set(mesh.point_data) == POINT_DATA | {"held"}
     assert set(mesh.cell_data) == KINEMATIC | MATERIAL
     for name, value in points.items():
-        np.testing.assert_array_equal(mesh.point_data[name], value)
+        np.testing.assert_array_equal(mesh.point_data[name], stored(name, value))
     for name, value in cells.items():
-        np.testing.assert_array_equal(mesh.cell_data[name][0], value)
+        np.testing.assert_array_equal(mesh.cell_data[name][0], stored(name, value))
 
 
-def test_blocks_beyond_the_first_and_full_last_blocks_read_back(
-    system, states, tmp_path, monkeypatch
-):
-    pyvista = pytest.importorskip("pyvista")
-    size = 24 * len(system.cloth.X)
-    for block in (size, size // 3, 256):  # one full block, three, many and a rest
-        monkeypatch.setattr("fecloth.output.vtu_writer.BLOCK", block)
-        write_vtk(tmp_path / "a", system.cloth, states[0])
-        mesh = meshio.read(tmp_path / "a_000000.vtu")
-        grid = pyvista.read(tmp_path / "a_000000.vtu")
-        for points, v in (
-            (mesh.points, mesh.point_data["velocity"]),
-            (grid.points, grid.point_data["velocity"]),
-        ):
-            np.testing.assert_array_equal(points, states[0].x)
-            np.testing.assert_array_equal(v, states[0].v)
+def test_a_frame_is_written_in_no_more_than_copies(system, states, tmp_path):
+    """No array is compressed, and what does not belong to the state has 4 bytes a number."""
+    file = write_vtk(tmp_path / "a", system.cloth, states[0], system).with_name("a_000000.vtu")
+    points, cells = fields(system, states[0])
+    numbers = sum(data.size for data in (*points.values(), *cells.values()) if data.itemsize > 1)
+    n, m = len(system.cloth.X), len(system.cloth.triangles)
+    beside = n * (24 + 12 + 1) + m * (3 + 1) * 4 + m  # float64 of the state, held, triangles
+    blocks = 6 + len(points) + len(cells)  # each begins with the number of its bytes
+    text = file.read_bytes()
+    head = text.index(b"_", text.index(b"<AppendedData")) + 1
+    tail = len(b"\n</AppendedData>\n</VTKFile>\n")
+    assert len(text) - head - tail == 4 * numbers + beside + 8 * (blocks - 1) + 8
 
 
 def test_vtk_reads_the_same_numbers_names_and_times(system, states, tmp_path):
@@ -204,9 +205,9 @@ def test_vtk_reads_the_same_numbers_names_and_times(system, states, tmp_path):
     np.testing.assert_array_equal(grid.cells.reshape(-1, 4)[:, 1:], system.cloth.triangles)
     assert set(grid.celltypes) == {pyvista.CellType.TRIANGLE}
     for name, value in points.items():
-        np.testing.assert_array_equal(grid.point_data[name], value)
+        np.testing.assert_array_equal(grid.point_data[name], stored(name, value))
     for name, value in cells.items():
-        np.testing.assert_array_equal(grid.cell_data[name], value)
+        np.testing.assert_array_equal(grid.cell_data[name], stored(name, value))
     assert grid.field_data["TimeValue"].tolist() == [times[2]]
     strain = grid.GetCellData().GetArray("strain_tensor")
     assert [strain.GetComponentName(i) for i in range(3)] == ["XX", "XY", "XZ"]
@@ -267,15 +268,15 @@ def test_a_frame_of_something_else_is_refused(system, states, tmp_path):
     flipped = fc.Cloth.from_arrays(cloth.X, cloth.triangles[::-1], renumber=False)
     with pytest.raises(InputError, match="join other nodes"):
         read_frame(file, flipped)
-    plain, text = tmp_path / "plain.vtu", file.read_text()
+    plain, text = tmp_path / "plain.vtu", file.read_bytes()
     meshio.write(plain, meshio.Mesh(states[0].x, [("triangle", cloth.triangles)]))
     with pytest.raises(InputError, match="no velocity"):
         read_frame(plain, cloth)
-    plain.write_text(text.replace("TimeValue", "Time"))
+    plain.write_bytes(text.replace(b"TimeValue", b"Time"))
     with pytest.raises(InputError, match="no TimeValue"):
         read_frame(plain, cloth)
-    for broken in (text[: len(text) // 2], "", "hello"):
-        plain.write_text(broken)
+    for broken in (text[: len(text) // 2], b"", b"hello"):
+        plain.write_bytes(broken)
         with pytest.raises(InputError, match=r"plain.vtu: cannot be read"):
             read_frame(plain, cloth)
     with pytest.raises(InputError, match=r"none.vtu: cannot be read"):
@@ -431,7 +432,7 @@ def test_frames_are_quadratic_triangles(quadratic, orthotropic, tmp_path):
     assert np.array_equal(mesh.points, state.x)
     assert mesh.cell_data["energy_density"][0].shape == (len(cloth.triangles),)
     energy = mesh.cell_data["energy_density"][0] @ cloth.weights.sum(axis=1)
-    assert energy == pytest.approx(system.energies(state)["StVK"], rel=1e-12)
+    assert energy == pytest.approx(system.energies(state)["StVK"], rel=1e-7)
     again = read_frame(file, cloth)
     assert again.t == 0.25
     assert np.array_equal(again.x, state.x)

@@ -100,6 +100,18 @@ def test_variables_broadcast_and_the_result_may_be_written_to():
     assert constant.tolist() == [1, 2, 2, 2]
 
 
+@pytest.mark.parametrize(
+    "text", ["300*t", "-sin(2*pi*t)*exp(-t**2)/(1 + t)", "tanh(sqrt(log(2 + t)))"]
+)
+def test_smooth_formulas_are_known(text):
+    formula = Formula(text, ("t",))
+    assert formula.is_smooth
+    rough = [f"abs({text})", f"min(1, {text})", f"({text}) % 2", f"where(t < 1, {text}, 0)"]
+    rough += [f"{name}({text})" for name in ("floor", "sign", "tan")]
+    for other in (*rough, f"smoothstep(0, {text}, t)", f"mod({text}, 2)"):
+        assert not Formula(other, ("t",)).is_smooth
+
+
 def test_condition():
     formula = Formula("0 < X < 1 and not Y > 3 or X > 5", ("X", "Y"), condition=True)
     inside = formula(X=[0.5, 0.5, 2.0, 6.0], Y=[0.0, 4.0, 0.0, 9.0])

@@ -137,7 +137,7 @@ def test_a_kick_moves_a_vibration_by_its_speed_over_the_frequency_at_most(since,
 @pytest.mark.parametrize(("part", "doubted"), [(0.8, False), (1.25, True)])
 def test_what_a_driven_cloth_loses_to_damping_is_a_part_of_its_motion(part, doubted, system):
     """It loses ten times the energy that it ever has; the method takes 20 % of all that."""
-    run = Run(system, fc.BackwardEuler(), system.rest(), 0, 4.0)
+    run = Run(system, fc.BackwardEuler(), system.rest(), 0, 4.0, math.inf)
     numerical = part * 0.2 * 10.0
     ledger = replace(
         fc.Ledger.open(system, system.rest()),

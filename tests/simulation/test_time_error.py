@@ -13,6 +13,9 @@ from support.tiers import stories_except
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.linalg.reductions import rms
+from fecloth.quantities.formula import Formula
+from fecloth.simulation import account
+from fecloth.simulation.account import Run
 from fecloth.simulation.rigid_motion import derivative
 from fecloth.simulation.time_error import Sample, TimeError
 from fecloth.simulation.time_error_words import describe_time_error
@@ -311,6 +314,43 @@ def test_a_load_that_jumps_within_a_step_is_in_the_error(method):
     assert result.time_error < 0.02
     exact = 1 / 0.2 * 2.17 * dt * (20 * dt - (1.6 + 2.17 / 2) * dt)
     assert result.state.x[:, 2].mean() == pytest.approx(exact, rel=0.02)
+
+
+def jumps_of(load, t_end=0.1):
+    cloth = fc.Cloth.rectangle(0.8, 0.4, h=0.2, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 5.0), [fc.StVK(), load])
+    return Run(system, fc.BDF2(), system.rest(), 0, 4.0, t_end).load_jumps
+
+
+@pytest.mark.parametrize(
+    "load",
+    [fc.Pressure("where(t < 0.0337, 0, 5)"), fc.Pressure(lambda t: 5.0 * (t >= 0.0337))]
+    + [fc.UserForce(lambda x, v, t: np.full_like(x, t >= 0.0337))],
+    ids=["formula", "function", "force"],
+)
+def test_a_jump_of_a_load_is_found_before_the_run(load):
+    assert jumps_of(load) == pytest.approx([0.0337], rel=1e-9)
+
+
+def test_many_jumps_of_a_load_are_found():
+    found = jumps_of(fc.Pressure("sign(cos(1000*pi*t))"))
+    assert found == pytest.approx((np.arange(100) + 0.5) * 1e-3, rel=1e-6)
+
+
+def test_smooth_loads_are_not_searched_for_jumps(monkeypatch):
+    monkeypatch.setattr(Formula, "__call__", None)
+    assert not len(jumps_of(fc.Pressure("300*t + exp(-((t - 0.1)/1e-4)**2)")))
+    assert not len(jumps_of(fc.Wind(("3*sin(t)", "0", "0"), normal=0.7)))
+
+
+def test_loads_are_searched_once(monkeypatch):
+    searched = []
+    monkeypatch.setattr(account, "find_load_jumps", lambda loads: searched.append(1) or np.zeros(0))
+    cloth = fc.Cloth.rectangle(0.8, 0.4, h=0.2, pattern="right")
+    load = fc.Pressure("where(t < 0.05, 0, 5)")
+    system = fc.System(cloth, fc.Fabric(0.2, 5.0), [fc.StVK(), load])
+    fc.run(system, fc.CentralDifference(), system.rest(), 1e-3, 0.1)
+    assert searched == [1]
 
 
 def test_no_step_is_proposed_without_an_estimate():

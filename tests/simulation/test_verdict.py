@@ -1,5 +1,6 @@
 """What a run says of its motion as a whole: one doubt, its cause, at the thresholds."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -34,7 +35,7 @@ def doubt(monkeypatch, error, balance=OFF, method=None, eaten=None, jump=0.0, te
     estimate = replace(estimate, jumps=find_jumping_motions(system, start, 0.3))
     monkeypatch.setattr(verdict, "doubt_dissipation", lambda *given: eaten)
     others = {TimeError: estimate, Balance: balance, Ledger: None}
-    run = Run(system, method or fc.BDF2(), start, 0, 4.0)
+    run = Run(system, method or fc.BDF2(), start, 0, 4.0, math.inf)
     return Verdict().finish(run, End(replace(start, t=0.3), 10), others).doubt
 
 
@@ -151,7 +152,7 @@ def test_dissipation_of_the_method_names_methods_that_contact_allows(method, tou
     system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK(), *obstacle])
     start = system.rest()
     ledger = replace(fc.Ledger.open(system, start), t=1.0, numerical=0.5)
-    run = Run(system, method, start, 0, 4.0)
+    run = Run(system, method, start, 0, 4.0, math.inf)
     doubt = verdict.doubt_dissipation(run, Balance(0.0, largest=1.0), ledger)
     assert doubt.words.endswith("50 % of the energy of the motion")
     assert doubt.remedy.startswith(f"take a smaller {remedy}")
@@ -177,4 +178,4 @@ def test_after_impacts_that_count_there_is_no_error_in_time(method, part, ratio,
     )
     others = {Ledger: ledger, Contact: Contact(ratio=ratio)}
     estimate = TimeError(start.x, None, (), fastest=3.0)
-    assert estimate.find_hits(Run(system, method, start, 0, 4.0), others) == why
+    assert estimate.find_hits(Run(system, method, start, 0, 4.0, math.inf), others) == why

@@ -6,6 +6,7 @@ import json
 import re
 import sys
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -16,6 +17,7 @@ from fecloth.output.frame_reader import Frame
 from fecloth.simulation.shapes import stretch_row
 from fecloth.view.charts import Chart, draw, observed_charts
 from fecloth.view.html_report import read_table, write_report
+from fecloth.view.web_page import VIRIDIS
 
 SCENE = """
 title = "a <sheet> & its report"
@@ -97,15 +99,31 @@ def test_charts_of_observed_columns_have_their_units():
 def test_labels_of_an_axis_are_inside_the_picture(size, mean, log):
     t = np.array([0.0, 1e-4])
     (figure,) = draw([Chart("a", "label", t, {"a": mean + size * np.array([0.1, 1.0])}, log)])
-    end_of_title = float(re.search(r"rotate\(-90 ([-0-9.]+) ", figure)[1])
-    assert end_of_title > 8  # letters of this size are up to 8 high
-    labels = re.findall(r'text-anchor: end" x="([0-9.]+)"[^>]*>([^<]*)<', figure)
+    labels = re.findall(r'x="-5"[^>]*>([^<]*)<', figure)
     assert len(labels) > 1
-    # A digit is 6.4 wide, and a point half as wide.
-    widths = [6.4 * len(text) - 3.2 * text.count(".") for _, text in labels]
-    begins = [float(x) - width for (x, _), width in zip(labels, widths, strict=True)]
-    assert min(begins) > end_of_title
-    assert "tspan" not in figure  # no powers of ten with exponents, which take long to draw
+    assert len(set(labels)) == len(labels)
+    margin = -float(re.search(r'viewBox="([-0-9]+) ', figure)[1])
+    title = float(re.search(r"translate\(([-0-9]+) ", figure)[1])
+    assert margin + title > 9  # letters of this size are up to 9 high
+    # A digit of the widest usual font is 7 wide, and a point half as wide.
+    widths = [7.0 * len(text) - 3.5 * text.count(".") for text in labels]
+    assert max(widths) < -5 - title - 2  # 2: below its line
+
+
+def test_labels_that_would_be_long_are_differences():
+    t = np.array([0.0, 1.0])
+    (figure,) = draw([Chart("a", "label", t, {"a": 1 + 1e-9 * t})])
+    assert ">label, above 1<" in figure
+    assert re.findall(r'x="-5"[^>]*>([^<]*)<', figure)[:3] == ["0", "2e−10", "4e−10"]
+    (figure,) = draw([Chart("a", "label", t, {"a": 1e7 * t})])
+    assert ">label<" in figure
+    assert ">8000000<" in figure
+    assert ">1e7<" in figure
+
+
+def test_the_colours_are_viridis():
+    viridis = matplotlib.colormaps["viridis"](np.linspace(0, 1, len(VIRIDIS)))
+    assert [matplotlib.colors.to_hex(colour) for colour in viridis] == list(VIRIDIS)
 
 
 def test_remainder_is_shown_as_a_share_of_the_moving_energy(run, tmp_path):
@@ -169,8 +187,8 @@ def test_an_empty_cell_of_a_table_is_no_number(tmp_path):
 
 def path_of(figure):
     """The points of the only curve, and the number of its pieces."""
-    path = re.search(r'd="([^"]*)"[^>]*stroke: #0072b2', figure)[1]
-    points = re.findall(r"[ML] ([-0-9.]+) ([-0-9.]+)", path)
+    path = re.search(r'd="([^"]*)" stroke="#0072B2"', figure)[1]
+    points = re.findall(r"[ML]([-0-9.]+) ([-0-9.]+)", path)
     return np.array(points, float), path.count("M")
 
 

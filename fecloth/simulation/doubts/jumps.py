@@ -7,11 +7,12 @@ import numpy as np
 
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun, check_each
-from fecloth.simulation.doubts.signals import Signal, Values, find_signals
+from fecloth.simulation.doubts.signals import ROUND_OFF_OF_SIGNAL, Signal, Values, find_signals
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
+NEAR = 1e-9  # of the run: so much beside a jump are the values before and after it
 MOST_JUMPS = 8  # jumps of a pin that are looked for
 HALVINGS_OF_JUMP = 30  # of an interval, after which what is left of a change is a jump
 LEAST_JUMP = 1e-6  # over the extent of the cloth; a smaller jump moves nothing that can be seen
@@ -54,6 +55,8 @@ def _largest_jumps(signals: Iterable[Signal], least: float) -> Iterator[Jump]:
 
 def _largest_jump(motion: Signal, least: float) -> Jump | None:
     """Return the largest jump of a motion, None if none is larger than `least` [m]."""
+    if motion.is_smooth:
+        return None
     jumps = find_jumps(*motion.samples, motion.values, least)
     if not jumps:
         return None
@@ -73,8 +76,27 @@ def _largest_jump(motion: Signal, least: float) -> Jump | None:
     return Jump(float(size), Doubt(DoubtKind.JUMP, words, remedy))
 
 
+def find_load_jumps(loads: Iterable[Signal]) -> np.ndarray:
+    """Return when any of the loads jumps (k,) [s], in the order of time.
+
+    Of a load with very many jumps the largest ones are found.
+    """
+    found = check_each(loads, _jump_times)
+    return np.unique(np.concatenate([np.zeros(0), *found]))
+
+
+def _jump_times(load: Signal) -> list[float]:
+    """Return when a load jumps [s]."""
+    if load.is_smooth:
+        return []
+    times, g = load.samples
+    most = load.effort.most // HALVINGS_OF_JUMP
+    least = ROUND_OFF_OF_SIGNAL * np.abs(g).max()
+    return [t for t, _ in find_jumps(times, g, load.values, least, most)]
+
+
 def find_jumps(
-    times: np.ndarray, g: np.ndarray, values: Values, least: float
+    times: np.ndarray, g: np.ndarray, values: Values, least: float, most: int = MOST_JUMPS
 ) -> list[tuple[float, float]]:
     """Return the time and the size of each jump of a signal, in their order.
 
@@ -89,13 +111,15 @@ def find_jumps(
         The signal as a function of times.
     least
         Size of a change that counts as a jump.
+    most
+        Number of intervals that are halved.
     """
     begin = times[0]
     end = times[-1]
-    near = 1e-9 * (end - begin)  # jumps that are not farther apart are one
+    near = NEAR * (end - begin)  # jumps that are not farther apart are one
     jumps: list[tuple[float, float]] = []
-    for i in _intervals_that_may_jump(g, least):
-        t, left = _halve(values, times[i : i + 2], g[i : i + 2])
+    intervals = _intervals_that_may_jump(g, least, most)
+    for t, left in zip(*_halve(values, times, g, intervals), strict=True):
         is_known = jumps and t - jumps[-1][0] <= near
         if not left > least or is_known:
             continue
@@ -107,28 +131,31 @@ def find_jumps(
     return jumps
 
 
-def _intervals_that_may_jump(g: np.ndarray, least: float) -> list[int]:
+def _intervals_that_may_jump(g: np.ndarray, least: float, most: int) -> np.ndarray:
     """Return the intervals in which g (m, k) changes most beside the intervals next to them."""
     changes = np.diff(g, axis=0)
     changes = np.abs(changes, out=changes).max(axis=1)  # in place: these may be 100 MB
     before = np.append(changes[1], changes[:-1])
     after = np.append(changes[1:], changes[-2])
     excess = np.where(changes > least, changes - np.minimum(before, after), 0.0)
-    most = np.argsort(-excess, kind="stable")[:MOST_JUMPS]
-    return sorted(most[changes[most] > least])
+    candidates = np.argsort(-excess, kind="stable")[:most]
+    return np.sort(candidates[changes[candidates] > least])
 
 
-def _halve(values: Values, times: np.ndarray, g: np.ndarray) -> tuple[float, float]:
-    """Return the time of the largest change between two times, and the change that is left."""
-    a, b = times
-    at_a, at_b = g
-    for _ in range(HALVINGS_OF_JUMP):
+def _halve(
+    values: Values, times: np.ndarray, g: np.ndarray, intervals: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the time of the largest change in each interval, and the change that is left."""
+    a = times[intervals]
+    b = times[intervals + 1]
+    at_a = g[intervals]
+    at_b = g[intervals + 1]
+    for _ in range(HALVINGS_OF_JUMP if len(intervals) else 0):
         middle = 0.5 * (a + b)
-        (at_middle,) = values(np.array([middle]))
-        if np.abs(at_middle - at_a).max() > np.abs(at_b - at_middle).max():
-            b = middle
-            at_b = at_middle
-        else:
-            a = middle
-            at_a = at_middle
-    return b, np.abs(at_b - at_a).max()
+        at_middle = np.asarray(values(middle), float).reshape(at_a.shape)
+        is_before = np.abs(at_middle - at_a).max(axis=1) > np.abs(at_b - at_middle).max(axis=1)
+        a = np.where(is_before, a, middle)
+        b = np.where(is_before, middle, b)
+        at_a = np.where(is_before[:, None], at_a, at_middle)
+        at_b = np.where(is_before[:, None], at_middle, at_b)
+    return b, np.abs(at_b - at_a).max(axis=1, initial=0.0)

@@ -70,6 +70,8 @@ class Signal:
         Whether the steps of the run have a fixed size.
     kind
         What moves so: "pin", "obstacle" or "tether"; or "load".
+    is_smooth
+        Whether it is known to have no jumps.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Signal:
     span: Span
     is_fixed: bool
     kind: str
+    is_smooth: bool = False
 
     @property
     def moves(self) -> bool:
@@ -103,15 +106,18 @@ def find_signals(system: System, start: State, t_end: float, is_fixed: bool) -> 
     for name, (pin, _) in system.constraints.groups.items():
         if pin.moves:
             values, effort = _of_pin(pin, size)
-            yield Signal(name_motion(name), values, effort, kind="pin", **of_run)
+            is_smooth = effort is not FUNCTIONS and _are_smooth(pin.motion.formulas)
+            words = name_motion(name)
+            yield Signal(words, values, effort, kind="pin", is_smooth=is_smooth, **of_run)
     for name, bound in system.named:
         if isinstance(bound, BoundContact) and bound.body is not None and bound.body.moves:
             values = at_each_time(partial(_place, bound.body, size))
             words = f"the motion of {name}"
             yield Signal(words, values, FUNCTIONS, kind="obstacle", **of_run)
         kind = "tether" if isinstance(bound, BoundTether) else "load"
-        for attribute, values, effort in _of_term(bound.here(), start):
-            yield Signal(f"{attribute} of {name}", values, effort, kind=kind, **of_run)
+        for attribute, values, effort, is_smooth in _of_term(bound.here(), start):
+            words = f"{attribute} of {name}"
+            yield Signal(words, values, effort, kind=kind, is_smooth=is_smooth, **of_run)
 
 
 def _of_pin(pin: Pin, size: float) -> tuple[Values, Effort]:
@@ -133,8 +139,11 @@ def _place(body: Shape, size: float, t: float) -> np.ndarray:
     return np.vstack([pose.u, size * pose.R])
 
 
-def _of_term(bound, state: State) -> Iterator[tuple[str, Values, Effort]]:
-    """Yield the name, the values and their effort of what depends on time in a term."""
+def _of_term(bound, state: State) -> Iterator[tuple[str, Values, Effort, bool]]:
+    """Yield the name, the values and their effort of what depends on time in a term.
+
+    The fourth is whether it is smooth.
+    """
     is_force = not type(bound).__module__.startswith("fecloth.")
     for value in _fields(bound):
         if isinstance(value, Uniform):
@@ -142,9 +151,10 @@ def _of_term(bound, state: State) -> Iterator[tuple[str, Values, Effort]]:
         if isinstance(value, TimeFunction):
             is_force = False
             if callable(value.parts):
-                yield value.name, at_each_time(value), FUNCTIONS
+                yield value.name, at_each_time(value), FUNCTIONS, False
             elif _has_time(value.parts):
-                yield value.name, _formulas(value.parts), FORMULAS
+                is_smooth = _are_smooth(value.parts)
+                yield value.name, _formulas(value.parts), FORMULAS, is_smooth
         elif isinstance(value, Field | Gusts):
             is_force = False
             yield from _of_air(value, _few(state.x))
@@ -152,24 +162,32 @@ def _of_term(bound, state: State) -> Iterator[tuple[str, Values, Effort]]:
         if _has_time(bound.function.parts):
             columns = (*bound.function.X.T, *state.x.T, *state.v.T)
             place = dict(zip(VARIABLES, map(_few, columns), strict=False))
-            yield "the force", _formulas(bound.function.parts, **place), PLACES
+            values = _formulas(bound.function.parts, **place)
+            yield "the force", values, PLACES, _are_smooth(bound.function.parts)
     elif is_force or isinstance(bound, BoundUserForce):
-        yield "the force", at_each_time(lambda t: _force(bound, state, t)), FORCES
+        yield "the force", at_each_time(lambda t: _force(bound, state, t)), FORCES, False
 
 
-def _of_air(air: Field | Gusts, x: np.ndarray) -> Iterator[tuple[str, Values, Effort]]:
-    """Yield the velocity of the air at positions x (k, 3) if it depends on time."""
+def _of_air(air: Field | Gusts, x: np.ndarray) -> Iterator[tuple[str, Values, Effort, bool]]:
+    """Yield the velocity of the air at positions x (k, 3) if it depends on time; see `_of_term`."""
     if not (isinstance(air, Field) and isinstance(air.function, Formulas)):
-        yield "the air velocity", at_each_time(lambda t: air.velocity(x, t)), FORCES
+        # gusts are sums of waves
+        is_smooth = isinstance(air, Gusts)
+        yield "the air velocity", at_each_time(lambda t: air.velocity(x, t)), FORCES, is_smooth
     elif _has_time(air.function.parts):
         values = _formulas(air.function.parts, x=x[:, 0], y=x[:, 1], z=x[:, 2])
-        yield "the air velocity", values, PLACES
+        yield "the air velocity", values, PLACES, _are_smooth(air.function.parts)
 
 
 def _fields(bound) -> Iterator[object]:
     """Yield the values of the fields of a dataclass; nothing for any other object."""
     if is_dataclass(bound):
         yield from (getattr(bound, field.name) for field in fields(bound))
+
+
+def _are_smooth(parts) -> bool:
+    """Return whether all formulas among the parts are smooth."""
+    return all(part.is_smooth for part in parts if isinstance(part, Formula))
 
 
 def _has_time(parts) -> bool:

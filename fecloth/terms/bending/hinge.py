@@ -178,7 +178,7 @@ def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
     )
 
 
-KERNELS = bound_condition.kernels(condition)
+KERNELS = bound_condition.ConditionKernels(condition)
 
 
 @dataclass(frozen=True)

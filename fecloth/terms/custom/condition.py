@@ -252,4 +252,4 @@ def read_table(y, c, order, C, g, H):
                     H[r, a // 3, a % 3, b // 3, b % 3] = c[n + n * d + (r * d + a) * d + b]
 
 
-KERNELS = bound_condition.kernels(read_table)
+KERNELS = bound_condition.ConditionKernels(read_table)

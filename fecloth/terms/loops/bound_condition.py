@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,26 +19,27 @@ from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
 
-class ConditionKernels(NamedTuple):
-    """The entry points of a family, each a template of `condition` compiled with the family."""
-
-    energy: Callable[..., float]
-    power: Callable[..., float]
-    add_force: Callable[..., None]
-    add_tangent: Callable[..., None]
+def entry_point(template: Callable[..., Any]) -> cached_property[Any]:
+    """A template of `condition`, compiled with the family of `ConditionKernels`."""
+    return cached_property(lambda kernels: specialise(template, condition=kernels.family))
 
 
-def kernels(family: Callable[..., Any]) -> ConditionKernels:
-    """The entry points of a family; each is compiled at its first call, or read from disk.
+@dataclass(frozen=True, eq=False)
+class ConditionKernels:
+    """The entry points of a family, made at their first use.
 
-    `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
+    Attributes
+    ----------
+    family
+        A compiled function as `fecloth.terms.loops.condition` describes it.
     """
-    return ConditionKernels(
-        energy=specialise(condition.energy, condition=family),
-        power=specialise(condition.power, condition=family),
-        add_force=specialise(condition.add_force, condition=family),
-        add_tangent=specialise(condition.add_tangent, condition=family),
-    )
+
+    family: Callable[..., Any]
+
+    energy = entry_point(condition.energy)
+    power = entry_point(condition.power)
+    add_force = entry_point(condition.add_force)
+    add_tangent = entry_point(condition.add_tangent)
 
 
 @dataclass(frozen=True, eq=False)

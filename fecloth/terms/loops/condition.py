@@ -24,7 +24,7 @@ A family of conditions is a compiled function
                          to be filled with C, ∂C/∂y and ∂²C/∂y∂y: every entry of the arrays that
                          `order` names, because they hold the values of another stencil before
 
-The loops below are templates that call it; `bound_condition.kernels` compiles them and
+The loops below are templates that call it; `bound_condition.ConditionKernels` compiles them and
 `BoundCondition.bind` makes the bound term. `per_node` is a tuple with one zero for each node
 and `convex` a tuple with, for each component, 1 if its ∂²C is positive semi-definite at every
 x and 0 if it is not: the compiler knows their length. A term whose constants change with x or
@@ -40,7 +40,7 @@ from fecloth.compiled.jit import Array, Zeros, inner
 
 
 def condition(y: Array, c: Array, order: int, C: Array, g: Array, H: Array) -> None:
-    """Fill C, g and H; `bound_condition.kernels` puts a family in place of this one."""
+    """Fill C, g and H; `bound_condition.ConditionKernels` puts a family in place of this one."""
     raise NotImplementedError
 
 

@@ -266,4 +266,4 @@ def conditions(y, c, order, C, g, H):
                     H[2, a, i, b, j] = hs * unit
 
 
-KERNELS = bound_condition.kernels(conditions)
+KERNELS = bound_condition.ConditionKernels(conditions)

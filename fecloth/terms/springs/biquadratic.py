@@ -115,4 +115,4 @@ def squared_lengths(y, c, order, C, g, H):
                 H[r, a, i, b, i] = H[r, b, i, a, i] = -2.0
 
 
-KERNELS = bound_condition.kernels(squared_lengths)
+KERNELS = bound_condition.ConditionKernels(squared_lengths)

@@ -227,4 +227,4 @@ def elongation(y, c, order, C, g, H):
                     H[0, 0, i, 1, j] = H[0, 1, i, 0, j] = -h
 
 
-KERNELS = bound_condition.kernels(elongation)
+KERNELS = bound_condition.ConditionKernels(elongation)

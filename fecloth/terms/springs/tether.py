@@ -131,4 +131,4 @@ def offset(y, c, order, C, g, H):
         H[:] = 0.0
 
 
-KERNELS = bound_condition.kernels(offset)
+KERNELS = bound_condition.ConditionKernels(offset)

@@ -77,6 +77,11 @@ def test_three_or_fewer_steps_a_period_cause_a_warning(steps, phase):
     assert missed(1 / (13 * steps), 1.0, motion=along_z(wave))
 
 
+@pytest.mark.parametrize("at", [0.1, 0.1013])
+def test_a_smooth_pulse_between_steps_causes_a_warning(at):
+    assert missed(0.005, 0.3, load=fc.Pressure(f"300*exp(-((t - {at})/1e-4)**2)"))
+
+
 STORIES = {
     "a jump of a load": {"load": fc.Pressure("where(t < 0.1, 0, 5)")},
     "a uniform motion of an obstacle": {"load": ball(motion=along_z("20*t"))},
