@@ -74,21 +74,6 @@ COMPARE: dict[type[ast.cmpop], Operation] = {
     ast.GtE: Operation.GREATER_EQUAL,
 }
 
-
-def is_smooth(tree: ast.AST) -> bool:
-    """Return whether a checked syntax tree consists of smooth functions only.
-
-    The others are kinks and jumps, such as abs and floor, what has a condition, and the
-    remainder.
-    """
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Mod | ast.Compare | ast.BoolOp):
-            return False
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") not in SMOOTH:
-            return False
-    return True
-
-
 _X = "min(max((c - a)/(b - a), 0), 1)"  # of smoothstep(a, b, c)
 PARTIALS: dict[Operation, tuple[str, ...]] = {  # by each of the operands a, b, c
     Operation.ADD: ("1", "1"),
@@ -119,3 +104,17 @@ CHOICES: dict[Operation, str] = {  # da, db, dc are the derivatives of the opera
     Operation.MAX: "where(a > b, da, db)",
 }
 """Derivatives of operations that choose one of their operands."""
+
+
+def is_smooth(tree: ast.AST) -> bool:
+    """Return whether a checked syntax tree consists of smooth functions only.
+
+    The others are kinks and jumps, such as abs and floor, what has a condition, and the
+    remainder.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Mod | ast.Compare | ast.BoolOp):
+            return False
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") not in SMOOTH:
+            return False
+    return True
