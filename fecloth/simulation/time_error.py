@@ -373,7 +373,8 @@ class TimeError(Account):
         the velocity, by dt Δa/4 on average. Errors of several jumps add up as random ones.
         """
         last = self.recent[-1]
-        if not sample.t > last.t or drift_of(run.method.traits) is None:
+        drift = drift_of(run.method.traits)
+        if not sample.t > last.t or drift is None:
             return self
         since = last.t if len(self.recent) > 1 else -math.inf  # also what jumps at the start
         times = run.load_jumps[(run.load_jumps > since) & (run.load_jumps <= sample.t)]
@@ -384,7 +385,7 @@ class TimeError(Account):
         error = self.error or Error.none(state.x)
         kick = self.kick
         begin = last.t  # from where `_moved_on` moves the error
-        if len(self.recent) < drift_of(run.method.traits)[0] + 2:
+        if len(self.recent) < drift[0] + 2:
             begin = self.start.t
         for t, change in jumps:
             kick = math.hypot(kick, 0.25 * dt * rms(run.system.diagonal_mass, change))

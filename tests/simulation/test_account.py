@@ -128,7 +128,7 @@ def test_accounts_read_those_before_them_after_the_same_step():
             return replace(self, kinetic=2 * others[Fastest].kinetic)
 
     accounts = Accounts({"fastest": Fastest(3.0), "doubled": Doubled()})
-    done = accounts.finish(Run(None, None, None, 0, 4.0), End(None, 1))
+    done = accounts.finish(Run(None, None, None, 0, 4.0, 1.0), End(None, 1))
     assert done[Doubled].kinetic == 6.0
     assert list(done.records) == ["fastest", "doubled"]
     assert accounts[Doubled].kinetic == 0.0

@@ -106,7 +106,11 @@ def find_signals(system: System, start: State, t_end: float, is_fixed: bool) -> 
     for name, (pin, _) in system.constraints.groups.items():
         if pin.moves:
             values, effort = _of_pin(pin, size)
-            is_smooth = effort is not FUNCTIONS and _are_smooth(pin.motion.formulas)
+            is_smooth = (
+                isinstance(pin.motion, Motion)
+                and pin.rotate is None
+                and _are_smooth(pin.motion.formulas)
+            )
             words = name_motion(name)
             yield Signal(words, values, effort, kind="pin", is_smooth=is_smooth, **of_run)
     for name, bound in system.named:
