@@ -15,7 +15,7 @@ from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.nonlinear.error_left import StepError
-from fecloth.nonlinear.joined_stage import LastStage
+from fecloth.nonlinear.last_stage import LastStage
 from fecloth.nonlinear.options import Newton
 
 # By solver: what a tangent and its factor cost, in solves and residuals with it, on one thread.

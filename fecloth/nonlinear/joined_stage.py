@@ -6,84 +6,26 @@ arguments, which serve every step: what changes from step to step is in arrays. 
 those of the calls one by one.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
 
 from fecloth.compiled.calls import AnyCall, JoinedCalls, Present, join_each
-from fecloth.compiled.jit import Array, rounded_kernel
 from fecloth.linalg.block_matrix import BlockMatrix, add_mass
 from fecloth.nonlinear.stage import Stage
+from fecloth.nonlinear.stage_arrays import (
+    StageArrays,
+    balance,
+    clear_blocks,
+    clear_rows,
+    copy_blocks,
+)
 from fecloth.system.constraints import project_rows
 from fecloth.system.state import State
 from fecloth.system.system import System
-from fecloth.terms.loops.shared_loop import SUM_BLOCKS
 from fecloth.terms.protocol import BoundTerm, calls_of
-
-# Iterations of a step that a kept tangent serves.
-MOST_USES = 3
-
-
-@dataclass(frozen=True, eq=False)
-class StageArrays:
-    """The arrays on which the joined calls of a stage work.
-
-    Attributes
-    ----------
-    t
-        (1,) time at which the forces balance [s].
-    wx, wv, wa
-        (1,) weights of the unknown in x, v and a, see `Stage`.
-    mass_weight
-        (1,) weight of M in the matrix.
-    x0, v0, a0
-        (n, 3) x, v and a for q = 0.
-    q
-        (n, 3) the unknown.
-    x, v, a
-        (n, 3) x, v and a for q.
-    f, R
-        (n, 3) the forces and the residual [N].
-    own_forces
-        (terms, n, 3) the force of each term [N].
-    energies
-        (terms, SUM_BLOCKS) parts of the energy of each term [J].
-    """
-
-    t: np.ndarray
-    wx: np.ndarray
-    wv: np.ndarray
-    wa: np.ndarray
-    mass_weight: np.ndarray
-    x0: np.ndarray
-    v0: np.ndarray
-    a0: np.ndarray
-    q: np.ndarray
-    x: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    f: np.ndarray
-    R: np.ndarray
-    own_forces: np.ndarray
-    energies: np.ndarray
-
-    @classmethod
-    def of(cls, nodes: int, terms: int) -> Self:
-        """Arrays for a number of nodes and of terms."""
-        numbers = {name: np.zeros(1) for name in ("t", "wx", "wv", "wa", "mass_weight")}
-        names = ("x0", "v0", "a0", "q", "x", "v", "a", "f", "R")
-        fields = {name: np.zeros((nodes, 3)) for name in names}
-        own_forces = np.zeros((terms, nodes, 3))
-        return cls(
-            **numbers, **fields, own_forces=own_forces, energies=np.zeros((terms, SUM_BLOCKS))
-        )
-
-    def place_call(self) -> AnyCall:
-        """The call that sets x, v and a for q."""
-        weights = Present(self.wx), Present(self.wv), Present(self.wa)
-        return place, (*weights, self.x0, self.v0, self.a0, self.q, self.x, self.v, self.a)
 
 
 @dataclass(eq=False)
@@ -112,6 +54,7 @@ class JoinedStage:
     _joined: dict[str, JoinedCalls] = field(default_factory=dict)
     _placed: np.ndarray | None = None  # the q of the present x, v and a
     _has_forces: bool = False  # whether f are the forces there
+    _may_join_definite: bool = True  # until it was tried
 
     @classmethod
     def of(cls, system: System, matrix: BlockMatrix, kept: BlockMatrix | None) -> Self | None:
@@ -121,13 +64,14 @@ class JoinedStage:
         terms = tuple(_own_copy(term) for term in system.bound)
         arrays = StageArrays.of(len(system.cloth.X), len(terms))
         stage = cls(system, terms, matrix, kept, arrays)
-        needed = {
-            "residual": stage._residual_calls(),
-            "own forces": stage._calls_of_own_forces(),
-            **stage._tangent_lists(definite=False),
-        }
-        lists = {name: calls for name, calls in needed.items() if calls is not None}
-        if len(lists) < len(needed):
+        lists = _complete(
+            {
+                "residual": stage._residual_calls(),
+                "own forces": stage._calls_of_own_forces(),
+                **stage._tangent_lists(definite=False),
+            }
+        )
+        if lists is None:
             return None
         energies = stage._energy_calls()
         if energies is not None:
@@ -192,15 +136,21 @@ class JoinedStage:
             scale += system.force_size(f)
         return system.constraints.project(R), scale
 
+    def can_assemble(self, definite: bool) -> bool:
+        """Whether the tangents, or definite ones, of all terms are joined calls."""
+        if definite and self._may_join_definite:  # few runs need them
+            self._may_join_definite = False
+            lists = _complete(self._tangent_lists(definite))
+            if lists is not None:
+                self._joined.update(join_each(lists))
+        return f"{_kind(definite)} tangent" in self._joined
+
     def assemble(self, q: np.ndarray, mass_weight: float, definite: bool, renew: bool) -> None:
-        """Fill the matrix with `mass_weight` M + wv D + wx K, projected.
+        """Fill the matrix with `mass_weight` M + wv D + wx K, projected; see `can_assemble`.
 
         With `renew` the tangents that several iterations share are evaluated anew, too.
         """
         kind = _kind(definite)
-        if f"{kind} tangent" not in self._joined:  # few runs need a definite one
-            lists = self._tangent_lists(definite)
-            self._joined.update(join_each({name: of or [] for name, of in lists.items()}))
         self._place(q)
         self.arrays.mass_weight[0] = mass_weight
         if renew:
@@ -326,81 +276,13 @@ class JoinedStage:
         return all_calls
 
 
-@dataclass(eq=False)
-class KeptTangents:
-    """The tangents that several iterations of a step share.
-
-    A term that `keeps_tangent`, such as a plate, has a tangent that is expensive and changes
-    little within a step. So it serves `MOST_USES` iterations, and is evaluated anew in the first
-    iteration of each step.
-
-    Attributes
-    ----------
-    matrix
-        wv D + wx K of these terms.
-    definite
-        Whether it is definite.
-    uses
-        The number of iterations that it has served; 0 where it must be evaluated anew.
-    """
-
-    matrix: BlockMatrix
-    definite: bool = False
-    uses: int = 0
-
-    def must_renew(self, definite: bool) -> bool:
-        """Whether the next iteration needs it anew; counts that iteration."""
-        renew = self.uses in (0, MOST_USES) or definite != self.definite
-        self.uses = 1 if renew else self.uses + 1
-        self.definite = definite
-        return renew
+Lists = dict[str, list[AnyCall]]
 
 
-@dataclass(eq=False)
-class LastStage:
-    """What the last stage of a step leaves for the next one.
-
-    Attributes
-    ----------
-    joined
-        The joined calls; None where a term has no such calls.
-    kept
-        The tangents that several iterations share; None before the first stage.
-    refused
-        The classes of the terms that have no joined calls.
-    """
-
-    joined: JoinedStage | None = None
-    kept: KeptTangents | None = None
-    refused: tuple[type, ...] = ()
-
-    def begin(self, system: System, stage: Stage, matrix: BlockMatrix) -> None:
-        """Begin a stage of a step: join its calls if its terms have such calls."""
-        self.kept = self._kept_tangents(system, matrix)
-        self.joined = self._join(system, matrix)
-        if self.joined is not None:
-            self.joined.begin(system, stage)
-
-    def _kept_tangents(self, system: System, matrix: BlockMatrix) -> KeptTangents | None:
-        """The tangents that iterations share, to be evaluated anew; None without any."""
-        if not (system.is_whole and any(term.keeps_tangent for term in system.bound)):
-            return None
-        if self.kept is None or self.kept.matrix.pattern is not matrix.pattern:
-            return KeptTangents(BlockMatrix.zeros(matrix.pattern, matrix.team))
-        return KeptTangents(self.kept.matrix)
-
-    def _join(self, system: System, matrix: BlockMatrix) -> JoinedStage | None:
-        """The calls of the last stage if they serve this one too; else new ones, or None."""
-        kept = None if self.kept is None else self.kept.matrix
-        if self.joined is not None and self.joined.serves(system, matrix, kept):
-            return self.joined
-        classes = tuple(type(term) for term in system.bound)
-        if classes == self.refused:
-            return None
-        joined = JoinedStage.of(system, matrix, kept)
-        if joined is None:
-            self.refused = classes
-        return joined
+def _complete(lists: Mapping[str, list[AnyCall] | None]) -> Lists | None:
+    """The lists of calls; None if one of them is missing."""
+    complete = {name: calls for name, calls in lists.items() if calls is not None}
+    return complete if len(complete) == len(lists) else None
 
 
 def _kind(definite: bool) -> str:
@@ -418,65 +300,3 @@ def _differ_in_arrays(old: BoundTerm, new: BoundTerm) -> bool:
         return False
     pairs = list(zip(old.step_arrays, new.step_arrays, strict=False))
     return bool(pairs) and all(a.shape == b.shape and a.dtype == b.dtype for a, b in pairs)
-
-
-@rounded_kernel
-def place(
-    wx: float,
-    wv: float,
-    wa: float,
-    x0: Array,
-    v0: Array,
-    a0: Array,
-    q: Array,
-    x: Array,
-    v: Array,
-    a: Array,
-) -> None:
-    """x = x0 + wx q, v = v0 + wv q and a = a0 + wa q of arrays (n, 3)."""
-    for i in range(len(q)):
-        for k in range(3):
-            x[i, k] = x0[i, k] + wx * q[i, k]
-            v[i, k] = v0[i, k] + wv * q[i, k]
-            a[i, k] = a0[i, k] + wa * q[i, k]
-
-
-@rounded_kernel
-def clear_rows(f: Array) -> None:
-    """f (n, 3) = 0."""
-    for i in range(len(f)):
-        for k in range(3):
-            f[i, k] = 0.0
-
-
-@rounded_kernel
-def clear_blocks(values: Array) -> None:
-    """values (b, 3, 3) = 0."""
-    entries = values.reshape(-1)
-    for i in range(len(entries)):
-        entries[i] = 0.0
-
-
-@rounded_kernel
-def copy_blocks(a: Array, b: Array) -> None:
-    """b (b, 3, 3) = a."""
-    entries = a.reshape(-1)
-    copies = b.reshape(-1)
-    for i in range(len(entries)):
-        copies[i] = entries[i]
-
-
-@rounded_kernel
-def balance(indptr: Array, indices: Array, mass: Array, a: Array, f: Array, R: Array) -> None:
-    """R (n, 3) = M a − f, with M (n, n) by compressed rows of one component."""
-    for i in range(len(R)):
-        y1, y2, y3 = 0.0, 0.0, 0.0
-        for s in range(indptr[i], indptr[i + 1]):
-            m = mass[s]
-            j = indices[s]
-            y1 += m * a[j, 0]
-            y2 += m * a[j, 1]
-            y3 += m * a[j, 2]
-        R[i, 0] = y1 - f[i, 0]
-        R[i, 1] = y2 - f[i, 1]
-        R[i, 2] = y3 - f[i, 2]

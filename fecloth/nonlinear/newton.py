@@ -18,7 +18,8 @@ from fecloth.nonlinear.equation import (
 )
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.iteration import iterate
-from fecloth.nonlinear.joined_stage import JoinedStage, LastStage
+from fecloth.nonlinear.joined_stage import JoinedStage
+from fecloth.nonlinear.last_stage import LastStage
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.remedies import Remedies, Remedy
 from fecloth.nonlinear.stage import Stage
@@ -171,8 +172,9 @@ class StageEquation:
         state = self.state(q)
         kept = self.last.kept if self.last else None
         renew = kept is not None and kept.must_renew(definite)
-        if self.joined and J is self.joined.matrix:
-            self.joined.assemble(q, wa, definite, renew)
+        joined = self.joined
+        if joined and J is joined.matrix and joined.can_assemble(definite):
+            joined.assemble(q, wa, definite, renew)
             return
         if kept is None or J.pattern is not kept.matrix.pattern:
             self.system.project(self.system.assemble(J, state, wx, wv, wa, definite))

@@ -5,7 +5,8 @@ import pytest
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.nonlinear.joined_stage import JoinedStage, LastStage
+from fecloth.nonlinear.joined_stage import JoinedStage
+from fecloth.nonlinear.last_stage import LastStage
 from fecloth.nonlinear.newton import StageEquation
 from fecloth.nonlinear.remedies import Remedy
 from fecloth.nonlinear.stage import Stage
