@@ -173,6 +173,7 @@ def run_command(tree: Path, scene: Scene, short: bool, folder: Path) -> Run:
     options = [part for setting in settings for part in ("--set", setting)]
     command = [sys.executable, "-m", "fecloth", "run", str(scene.file), "-o", str(folder), *options]
     environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(tree)}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # else each run compiles all sources
     shutil.rmtree(folder, ignore_errors=True)
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen(command, cwd=tree, env=environment, stdout=log, stderr=log)
