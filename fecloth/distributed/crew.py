@@ -117,7 +117,8 @@ def cut(value: Any, nodes: np.ndarray) -> Any:
 
 
 OFFERED = {*ABILITIES, "add_force", "add_tangent", "over_step", "with_history"}
-NOT_NEEDED = {"here", "nbytes", "force_calls", "supply_calls"}  # on several processes
+JOINED = {"force_calls", "supply_calls", "tangent_calls", "energy_calls"}
+NOT_NEEDED = {"here", "nbytes", *JOINED}  # on several processes
 _new_keys = count()
 
 
