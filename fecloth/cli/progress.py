@@ -17,7 +17,7 @@ def terminal() -> "Console | None":
 
     Names and formulas may have brackets and colons, which Rich reads as markup and emoji.
     """
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():  # None: it was closed before the start
         return None
     from rich.console import Console
 
