@@ -24,9 +24,13 @@ KERNELS = {
     # the terms
     "pointwise_loops": {"energy", "add_force", "add_tangent", "add_moduli", "add_stress"},
     "plate_loops": {"add_curvatures", "add_force", "add_measures", "add_products"}
-    | {"fill_gradients", "fill_rows", "sum_products"},
+    | {"fill_gradients", "fill_moments", "fill_rows", "sum_products"},
     "dihedral_angle": {"angles"},
-    # Newton's equations
+    # Newton's equations, in joined calls
+    "calls": {"_call_once"},
+    "array_updates": {"add", "clear", "scale", "subtract"},
+    "stage_arrays": {"balance", "clear_blocks", "clear_rows", "copy_blocks", "place"},
+    "constraints": {"project_blocks", "project_rows"},
     "block_matrix": {"_find_slots", "add_mass"},
     "mixed_precision": {"solve_by_cg"},
     "pcg": {"invert_blocks"},
