@@ -58,8 +58,13 @@ class JoinedStage:
 
     @classmethod
     def of(cls, system: System, matrix: BlockMatrix, kept: BlockMatrix | None) -> Self | None:
-        """Join the calls of a system; None if a term needs Python, or if threads may share it."""
-        if not system.is_whole or system.team.shares(len(system.cloth.triangles)):
+        """Join the calls of a system; None if a term needs Python, or if threads may share it.
+
+        A subclass of `System` with a `force` of its own needs Python, too.
+        """
+        has_own_force = type(system).force is not System.force
+        is_shared = system.team.shares(len(system.cloth.triangles))
+        if has_own_force or is_shared or not system.is_whole:
             return None
         terms = tuple(_own_copy(term) for term in system.bound)
         arrays = StageArrays.of(len(system.cloth.X), len(terms))

@@ -82,6 +82,9 @@ def list_first_calls(problem: Setup) -> list[FirstCall]:
     calls.append(FirstCall("mass", system.assemble, arguments))
     # Several processes solve by PETSc, which calls no kernels.
     if system.is_whole:
+        calls.append(FirstCall("pins", system.project, (J,)))
+        still = np.zeros_like(start.x)
+        calls.append(FirstCall("pins", system.constraints.project, (still,)))
         calls += list_calls_of_solvers(problem, method)
     return calls
 

@@ -51,7 +51,7 @@ def counts(monkeypatch):
     for cls, name in MAKERS:
         count(cls, name, f"{cls.__name__}.{name}")
     count(fixed_step, "refuse_unstable", "refuse_unstable")
-    count(frame_arrays, "principal_stretches", "principal_stretches")
+    count(frame_arrays, "stretches_of", "principal_stretches")
     monkeypatch.setattr(run_scene, "compile_kernels", lambda problem: None)
     return found
 

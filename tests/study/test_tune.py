@@ -255,7 +255,7 @@ def test_changes_that_do_not_shrink_prove_nothing():
     ("seconds", "words"),
     [
         (2.0, "the next setting would be h = .* mm, dt = .* ms"),
-        (0.04, "1 level reached the end of the run in time; a limit needs 3"),
+        (0.01, "1 level reached the end of the run in time; a limit needs 3"),
     ],
 )
 def test_a_time_that_is_up_is_said_with_the_next_setting(seconds, words):

@@ -42,6 +42,8 @@ SAMPLES = 64
 PART_OFF_FIRST_ORDER = 0.25
 # Part of a quantity that its solver may leave: smaller differences say nothing.
 PART_LEFT_BY_SOLVER = 1e-6
+# Of the uncertainty by inputs that do not cancel: less is round-off of the slopes.
+ROUND_OFF_OF_SLOPES = 1e-6
 
 
 def budget(
@@ -390,13 +392,16 @@ class Work:
 
 def standard_uncertainty(slopes: np.ndarray, V: np.ndarray) -> np.ndarray:
     """(q,) √(gᵀ V g) of each row g of the slopes (q, k)."""
-    return np.asarray(np.sqrt(np.einsum("qi,ij,qj->q", slopes, V, slopes)))
+    squares = np.einsum("qi,ij,qj->q", slopes, V, slopes)
+    return np.sqrt(np.maximum(squares, 0.0))  # round-off may make a zero negative
 
 
 def probing_change(slopes: np.ndarray, V: np.ndarray) -> np.ndarray:
     """(k,) a change of numbers by one standard deviation that moves all quantities."""
     u = standard_uncertainty(slopes, V)
-    rows = slopes[u > 0] / u[u > 0, None]
+    # where correlated numbers cancel, what is left is the round-off of the slopes
+    is_moved = u > ROUND_OFF_OF_SLOPES * abs(slopes) @ np.sqrt(np.diag(V))
+    rows = slopes[is_moved] / u[is_moved, None]
     if not len(rows):  # as where a sheet is about to buckle
         return np.asarray(np.sqrt(np.diag(V)))
     rows *= np.where(rows @ V @ rows[0] < 0, -1.0, 1.0)[:, None]  # so that no two cancel
