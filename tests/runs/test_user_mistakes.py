@@ -243,7 +243,7 @@ def can_mount():
 def test_full_disk_loses_no_frames(scene):
     options = "--set", "solver.linear=superlu"
     assert main(["run", "sheet.toml", "-o", "whole", "--quiet", *options]) == 0
-    error = small_disk(random.randrange(450, 900), *options)
+    error = small_disk(random.randrange(970, 1120), *options)
     assert Path("statuses").exists(), error
     assert Path("statuses").read_text() == "3 0\n", error
     assert "Traceback" not in error
