@@ -279,7 +279,7 @@ def add_side_of_curvature(arm, m, s, height, p, q, u, inverse_square, slots, num
         ∂²θ/∂x_i∂x_j = −p (w_j h_i + d_i d_j (h/|e|)² q)ᵀ − w_i h_j pᵀ,   h_i = w_i q + d_i u
 
     with w = (s − 1, −s, 1) and d = (−1, 1, 0) for nodes 0, 1 and `arm`. `slots` (4, 4) are the
-    blocks of the pairs of nodes, and `numbers` are those of J.
+    blocks of the pairs of nodes in J, and `numbers` (9 b,) are all numbers of J.
     """
     p = group(-m * p[0], -m * p[1], -m * p[2], 0.0)
     q = group(q[0], q[1], q[2], 0.0)

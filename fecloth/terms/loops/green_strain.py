@@ -154,8 +154,8 @@ def scatter_symmetric(
     """J_ab += wC B_aᵀ ℂ B_b + wS (G_a · S G_b) I₃ for all pairs a, b of nodes of triangle e.
 
     As J_ba = J_abᵀ, only the pairs with b ≤ a are computed. `slots` (m, k, k) are the blocks of
-    J, and `numbers` (9 b,) are all numbers of J. The weights wC and wS are those of the material
-    and of the geometric part.
+    J, and `numbers` (9 b,) are all numbers of J. wC is the weight of the material part,
+    and wS the weight of the geometric part.
     """
     S11, S22, S12 = wS * S[0], wS * S[1], wS * S[2]
     C = (wC * C[0], wC * C[1], wC * C[2], wC * C[3], wC * C[4], wC * C[5])
