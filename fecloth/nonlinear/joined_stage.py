@@ -18,13 +18,12 @@ from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.stage_arrays import (
     StageArrays,
     balance,
-    clear_blocks,
-    clear_rows,
     copy_blocks,
 )
 from fecloth.system.constraints import project_rows
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.loops.array_updates import clear
 from fecloth.terms.protocol import BoundTerm, calls_of
 
 
@@ -198,7 +197,7 @@ class JoinedStage:
         mass = self.source.scalar_mass
         constraints = self.source.constraints
         return [
-            (clear_rows, (arrays.f,)),
+            (clear, (arrays.f.reshape(-1),)),
             *of_terms,
             (balance, (mass.indptr, mass.indices, mass.data, arrays.a, arrays.f, arrays.R)),
             (project_rows, (constraints.nodes, constraints.projectors, arrays.R)),
@@ -212,7 +211,7 @@ class JoinedStage:
         )
         if of_terms is None:
             return None
-        return [*((clear_rows, (f,)) for f in own_forces), *of_terms]
+        return [*((clear, (f.reshape(-1),)) for f in own_forces), *of_terms]
 
     def _tangent_lists(self, definite: bool) -> dict[str, list[AnyCall] | None]:
         """The calls that fill both matrices, by their names; None if a term needs Python."""
@@ -221,12 +220,14 @@ class JoinedStage:
         of_mass = system.mass_slots, system.scalar_mass.data, Present(self.arrays.mass_weight)
         kind = _kind(definite)
         lists: dict[str, list[AnyCall] | None] = {}
-        begin: list[AnyCall] = [(clear_blocks, (values,))]
+        begin: list[AnyCall] = [(clear, (values.reshape(-1),))]
         if self.kept is not None:
             slow = self._calls_of_tangents(definite, self.kept, kept=True)
             begin = [(copy_blocks, (self.kept.values, values))]
-            clear: list[AnyCall] = [(clear_blocks, (self.kept.values,))]
-            lists[f"{kind} kept tangent"] = None if slow is None else [*clear, *slow]
+            kept_numbers = self.kept.values.reshape(-1)
+            lists[f"{kind} kept tangent"] = (
+                None if slow is None else [(clear, (kept_numbers,)), *slow]
+            )
         fast = self._calls_of_tangents(definite, self.matrix, kept=False)
         lists[f"{kind} tangent"] = None
         if fast is not None:

@@ -95,22 +95,6 @@ def place(
 
 
 @rounded_kernel
-def clear_rows(f: Array) -> None:
-    """f (n, 3) = 0."""
-    for i in range(len(f)):
-        for k in range(3):
-            f[i, k] = 0.0
-
-
-@rounded_kernel
-def clear_blocks(values: Array) -> None:
-    """values (b, 3, 3) = 0."""
-    entries = values.reshape(-1)
-    for i in range(len(entries)):
-        entries[i] = 0.0
-
-
-@rounded_kernel
 def copy_blocks(a: Array, b: Array) -> None:
     """b (b, 3, 3) = a."""
     entries = a.reshape(-1)

@@ -29,7 +29,7 @@ KERNELS = {
     # Newton's equations, in joined calls
     "calls": {"_call_once"},
     "array_updates": {"add", "clear", "scale", "subtract"},
-    "stage_arrays": {"balance", "clear_blocks", "clear_rows", "copy_blocks", "place"},
+    "stage_arrays": {"balance", "copy_blocks", "place"},
     "constraints": {"project_blocks", "project_rows"},
     "block_matrix": {"_find_slots", "add_mass"},
     "mixed_precision": {"solve_by_cg"},
