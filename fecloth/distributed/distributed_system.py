@@ -307,7 +307,7 @@ class DistributedSystem(System):
         )
         return J
 
-    def linear_solver(self, choice: str, symmetric: bool) -> tuple[LinearSolver, BlockMatrix, str]:
+    def shared_solver(self, choice: str, symmetric: bool) -> tuple[LinearSolver, BlockMatrix, str]:
         """A solver of PETSc on all processes, and why it was chosen."""
         if choice not in KINDS:
             allowed = f"must be one of {', '.join(KINDS)} on several processes"

@@ -11,6 +11,7 @@ from fecloth.integrators.linearly_implicit_euler import LinearOpening
 from fecloth.integrators.step import Solution, Step
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.linear_solver import make_linear_solver
 from fecloth.nonlinear.linearised import Map, NoDerivative, correct, inverse
 from fecloth.system.system import System
 from fecloth.terms.records import shift
@@ -98,7 +99,7 @@ class StepTangents:
     def _make_exact(self, solution: Solution) -> Map:
         """b ↦ J⁻¹ b with a factor of the tangent at the solution, made once for a solution."""
         if self.exact_solver is None:
-            self.exact_solver = self.system.linear_solver("direct", self.symmetric)[:2]
+            self.exact_solver = make_linear_solver(self.system, "direct", self.symmetric)[:2]
         linear, matrix = self.exact_solver
         if self.exact_solution is not solution:
             linear.prepare(solution.opening.tangent(solution.q, matrix))

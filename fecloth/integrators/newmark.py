@@ -11,6 +11,7 @@ from fecloth.integrators.numerical_dissipation import memory_dissipation
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
 from fecloth.integrators.step import UNCOUNTED, Begin, Opening, OpensSteps, Step, arrive, blend
 from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.linear_solver import make_linear_solver
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.stage import Stage, hold_stage
 from fecloth.nonlinear.statistics import Counts
@@ -258,7 +259,7 @@ def starting_acceleration(
     held = hold(np.zeros_like(state.v), (end.v - state.v) / dt)
     b = project(system.force(state) - system.scalar_mass @ held)
     if solver is None:
-        solver = SolverContext(*system.linear_solver("direct", True)[:2], Newton())
+        solver = SolverContext(*make_linear_solver(system, "direct", True)[:2], Newton())
     linear_solver, matrix = solver.matrix_solver()
     linear_solver.prepare(system.project(system.assemble(matrix, state, wa=1.0)))
     free, _ = linear_solver.solve(b, rtol=solver.options.residual)

@@ -9,6 +9,7 @@ from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg import select
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
+from fecloth.nonlinear.linear_solver import make_linear_solver
 from fecloth.nonlinear.linearised import Map, correct, inverse
 from fecloth.nonlinear.remedies import Remedy
 from fecloth.nonlinear.static_equation import StaticEquation
@@ -68,7 +69,7 @@ class StaticTangent:
         lags = any(term.lags for term in increment.system.bound)
         equation = increment.equation(x if lags else None)
         system = equation.system
-        linear, J, _ = system.linear_solver("direct", system.symmetric)
+        linear, J, _ = make_linear_solver(system, "direct", system.symmetric)
         equation.assemble(x, EXACT, J)
         coupled = equation.couple(x, EXACT, J)
         try:

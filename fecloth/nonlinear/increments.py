@@ -16,6 +16,7 @@ from fecloth.nonlinear.equation import admit, has_limits
 from fecloth.nonlinear.error_left import ALLOWED_OF_DISPLACEMENT, ErrorInPlace
 from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.linear_solver import make_linear_solver
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.progress import Progress
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
@@ -78,7 +79,7 @@ def static_context(
     """The direct solver with its matrix, and Newton's options, for `solve_static`."""
     options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
     over = resist_disturbances(system, system.rest(), size=1.0)
-    linear, matrix, _ = system.linear_solver(solver, over.symmetric)
+    linear, matrix, _ = make_linear_solver(system, solver, over.symmetric)
     return SolverContext(linear, matrix, options)
 
 

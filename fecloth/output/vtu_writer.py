@@ -67,7 +67,7 @@ def encode_vtu(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> byt
 
 def _block(data: np.ndarray) -> bytes:
     """Return the number of bytes of an array, as 8 bytes, and its bytes."""
-    return np.uint64(data.nbytes).tobytes() + data.tobytes()
+    return data.nbytes.to_bytes(8, sys.byteorder) + data.tobytes()
 
 
 def _as_stored(name: str, data: np.ndarray) -> np.ndarray:

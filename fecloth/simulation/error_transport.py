@@ -7,6 +7,7 @@ import numpy as np
 
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import LinearSolver
+from fecloth.nonlinear.linear_solver import make_linear_solver
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
@@ -73,7 +74,7 @@ class Transport:
         h = GAMMA * seconds
         zeros = BlockMatrix.zeros(system.pattern, system.team)
         K = system.assemble(zeros, state, wx=1.0)
-        solver, J, _ = system.linear_solver("auto", system.symmetric)
+        solver, J, _ = make_linear_solver(system, "auto", system.symmetric)
         J.values[:] = h * h * K.values
         system.project(system.add_tangents(J, state, wv=h, wa=1.0))
         solver.begin(h * h, 1.0, state.x)

@@ -9,6 +9,7 @@ from fecloth.errors import InputError, brief
 from fecloth.integrators import protocol
 from fecloth.linalg import select
 from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.linear_solver import make_linear_solver
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.fixed_step import FixedStep, GivenSteps
@@ -52,7 +53,7 @@ def solver_for(
     options = options or Newton()
     symmetric = protocol.has_symmetric_matrix(system, method)
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
-    chosen, matrix, why = system.linear_solver(choice, symmetric)
+    chosen, matrix, why = make_linear_solver(system, choice, symmetric)
     return SolverContext(chosen, matrix, options), f"{chosen.name} ({why})"
 
 

@@ -13,7 +13,6 @@ from fecloth.compiled.team import Team
 from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel, WatchedPanel
-from fecloth.linalg import select
 from fecloth.linalg.block_matrix import (
     BlockMatrix,
     BlockPattern,
@@ -541,15 +540,11 @@ class System:
         self.projection.apply(J)
         return J
 
-    def linear_solver(self, choice: str, symmetric: bool) -> tuple[LinearSolver, BlockMatrix, str]:
-        """A solver, "auto" or one of `select.NAMES`; its matrix; and why it was chosen."""
-        solver: LinearSolver
-        if choice == "auto":
-            solver, why = select.choose(self.pattern, symmetric)
-        else:
-            solver = select.create(choice, symmetric)
-            why = "requested"
-        return solver, BlockMatrix.zeros(self.pattern, self.team), why
+    def shared_solver(
+        self, choice: str, symmetric: bool
+    ) -> tuple[LinearSolver, BlockMatrix, str] | None:
+        """The linear solver of a system that several processes share; None on one process."""
+        return None
 
     def usage(self) -> dict[str, object]:
         """What summary.json says of the processes that share the system; nothing of one."""

@@ -169,13 +169,14 @@ RENEWED = """
 import fecloth as fc
 from fecloth.distributed.launch import run_on_all
 from fecloth.errors import IndefiniteMatrix
+from fecloth.nonlinear.linear_solver import make_linear_solver
 
 def renew(make_system):
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.02, pattern="right")
     fabric = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
     for choice in ("multigrid", "direct"):
         system = make_system(cloth, fabric, [fc.StVK(), fc.HingeBending()], ["left"])
-        solver, J, _ = system.linear_solver(choice, symmetric=True)
+        solver, J, _ = make_linear_solver(system, choice, symmetric=True)
         state = system.rest()
         for count in range(60):
             solver.begin(1.0, 1e6, state.x)
