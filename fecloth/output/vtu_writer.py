@@ -6,9 +6,9 @@ The arrays are appended to the XML as they are: zlib took ten times as long for 
 import json
 import sys
 from collections.abc import Iterable
+from html import escape
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -111,7 +111,7 @@ def read_vtu(path: str | Path) -> Any:
 def encode_pvd(files: Iterable[tuple[str, float]]) -> bytes:
     """Encode ParaView's collection of (file relative to it, time)."""
     lines = "".join(
-        f'<DataSet timestep="{float(t)!r}" group="" part="0" file={quoteattr(name)}/>\n'
+        f'<DataSet timestep="{float(t)!r}" group="" part="0" file="{escape(name)}"/>\n'
         for name, t in files
     )
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'

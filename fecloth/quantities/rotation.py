@@ -15,6 +15,12 @@ from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
 
 
 @checks_arguments
+def rotation_matrix(vector: np.ndarray) -> np.ndarray:
+    """(3, 3) matrix of the rotation about a vector (3,) by its length [rad]."""
+    matrix: np.ndarray = transform.Rotation.from_rotvec(vector).as_matrix()
+    return matrix
+
+
 @dataclass(frozen=True)
 class Rotation:
     """x(t) = p + R(t) R(t₀)ᵀ (x(t₀) − p): nodes turn by an angle about an axis through a point p.
@@ -68,8 +74,7 @@ class Rotation:
         angle = self._angle(t)
         if since is not None:
             angle = angle - self._angle(since)
-        matrix: np.ndarray = transform.Rotation.from_rotvec(angle * self._unit).as_matrix()
-        return matrix
+        return rotation_matrix(angle * self._unit)
 
     def rate(self, t: float) -> np.ndarray:
         """(3,) angular velocity [rad/s] at the time t [s]."""

@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from pydantic import PrivateAttr, model_validator
-from scipy.spatial import transform
 
 from fecloth.errors import InputError
 from fecloth.quantities import rotation
 from fecloth.quantities.formula import Formula
+from fecloth.quantities.rotation import rotation_matrix
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.field_types import File, Name, OfPlace, OfTime, OfTimeAndPlace, Vector, Where
 from fecloth.scene.table_model import Table, require_exactly_one, table_of
@@ -37,7 +37,7 @@ class Rotation(Table):
     def apply(self, x: np.ndarray) -> np.ndarray:
         """Rotate points (n, 3)."""
         axis = np.array(self.axis) / math.hypot(*self.axis)
-        return transform.Rotation.from_rotvec(math.radians(self.degrees) * axis).apply(x)
+        return x @ rotation_matrix(math.radians(self.degrees) * axis).T
 
 
 class Start(Table):

@@ -1,9 +1,9 @@
 """Where the nodes of a cloth go if they go along with the pins: a first guess of statics."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fecloth.linalg.reductions import longest
+from fecloth.quantities.rotation import rotation_matrix
 from fecloth.system.pieces import Piece, fit_motion, turns
 from fecloth.system.system import System
 
@@ -53,7 +53,7 @@ def carry_piece(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
     for _ in range(MOST_ROTATIONS):
         centre = held.mean(axis=0)
         u, omega = fit_motion(projectors, turns(held - centre), goal - held, LEAST_SINGULAR_VALUE)
-        R = Rotation.from_rotvec(omega).as_matrix()
+        R = rotation_matrix(omega)
         held = centre + u + (held - centre) @ R.T
         nodes = centre + u + (nodes - centre) @ R.T
         if np.linalg.norm(omega) < SMALLEST_ROTATION:
