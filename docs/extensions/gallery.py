@@ -20,6 +20,7 @@ PICTURES = {  # of each scene: how it is drawn
     "drum_on_plate": "--field height --time 0.15 --size 640x480",
     "swing": "--field speed --time 0.3 --size 640x480",
     "benchmark_flag": "--field checks --time 0.8 --size 640x480",
+    "sag": "--field height --size 640x480",
     "hanging_strip": "--field larger_stretch --size 640x480",
     "lifted_strip": "--field checks --size 640x480",
 }

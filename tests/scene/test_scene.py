@@ -21,6 +21,7 @@ from fecloth.output import frames
 from fecloth.scene.scene import Scene, load_scene
 from fecloth.scene.toml_text import override, read, to_toml
 from fecloth.simulation.stability_limited import StabilityLimited
+from studies.references import sagging_square
 from studies.references.closed_forms import hanging_strip_mean, hanging_strip_tip
 from studies.references.falling_disk import trampoline
 
@@ -835,6 +836,16 @@ def test_hanging_strip_expects_the_exact_solution():
         ("reaction:top.z", weight),
     ):
         assert scene.expect[name][0].value == pytest.approx(value, rel=1e-7), name
+
+
+def test_sag_expects_the_solution_by_polynomials():
+    scene = _expected("sag")
+    fabric = scene.fabric
+    square = scene.cloth.width, fabric.tensile_stiffness, fabric.poisson_ratio, fabric.areal_density
+    expected = scene.expect["sag"][0].value
+    assert expected == pytest.approx(sagging_square.sag(*square, count=5), rel=1e-4)
+    weight = fabric.areal_density * scene.cloth.width**2 * 9.81
+    assert scene.expect["reaction:boundary.z"][0].value == pytest.approx(weight, rel=1e-9)
 
 
 @pytest.mark.stories
