@@ -30,8 +30,9 @@ def test_a_row_has_the_ratio_and_the_distance_over_the_extent():
     assert (row["ratio"], row["apart"], row["Newton"]) == (0.3, 0.25, "100 → 103")
     assert [finding.is_met for finding in findings_of([row])] == [True, False]
     assert not findings_of([row_of("flag", 0.29, before, now)])[0].is_met
-    page = page_of("6c98bcf9", 3, [row])
+    page = page_of("6c98bcf9", 3, [row], (1.0, 7.5))
     assert page.startswith("# CPU seconds of whole commands, over those of commit 6c98bcf9\n")
+    assert "1.0 at the start, 7.5 at the end" in page
     assert "| flag | 10 | 3 | 0.3 | 0.33 | 100 → 103 | 0.25 | 0.01 |" in page
 
 

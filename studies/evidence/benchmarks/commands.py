@@ -248,8 +248,11 @@ def findings_of(rows: Sequence[dict]) -> list[harness.Finding]:
     ]
 
 
-def page_of(against: str, repeats: int, rows: Sequence[dict]) -> str:
-    """Return the page: what was measured, the table, the findings and the machine."""
+def page_of(against: str, repeats: int, rows: Sequence[dict], load: tuple[float, float]) -> str:
+    """Return the page: what was measured, the table, the findings and the machine.
+
+    `load` is the number of programs that wanted to run, before and after.
+    """
     machine = ", ".join(f"{name} {value}" for name, value in harness.hardware().items())
     shown = [{key: row[key] for key in row if key != "more iterations"} for row in rows]
     parts = (
@@ -259,7 +262,8 @@ def page_of(against: str, repeats: int, rows: Sequence[dict]) -> str:
         f"The fastest of {repeats} runs each.",
         markdown_table(shown),
         "\n".join(f"- {finding}" for finding in findings_of(rows)),
-        f"Ran on: {machine}.",
+        f"Ran on: {machine}. Programs that wanted to run: {load[0]:.1f} at the start, "
+        f"{load[1]:.1f} at the end; more than processors make seconds longer and less alike.",
     )
     return "\n\n".join(parts) + "\n"
 
@@ -282,6 +286,7 @@ def main() -> int:
             parser.error(f"--scenes {unknown[0]}: must be one of {', '.join(scenes)}")
         trees = tree_of(options.against), OWN
         repeats = 1 if options.quick else options.repeats
+        load = os.getloadavg()[0]
         rows = []
         for name in chosen:
             runs = compare(trees, scenes[name], repeats, options.short)
@@ -290,7 +295,8 @@ def main() -> int:
     findings = findings_of(rows)
     print(markdown_table(rows), *findings, sep="\n")
     if options.write:
-        PAGE.write_text(page_of(options.against, repeats, rows), encoding="utf-8")
+        loads = load, os.getloadavg()[0]
+        PAGE.write_text(page_of(options.against, repeats, rows, loads), encoding="utf-8")
     return 0 if options.quick or all(finding.is_met for finding in findings) else 1
 
 
