@@ -224,6 +224,8 @@ class SceneSource:
             newton=built.newton,
             linear=built.linear,
             probes=built.probes,
+            interest=built.interest,
+            measured=built.measured,
         )
 
     def setup_on(self, values: Mapping[str, Any], base: Setup) -> Setup:
