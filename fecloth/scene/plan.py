@@ -40,7 +40,7 @@ def plan(problem: Problem, why: str) -> list[str]:
     else:
         element_name = "triangle"
     return [
-        *_sources(system.fabric),
+        *sources(system.fabric),
         f"{n} nodes, {amount(len(system.cloth.triangles), element_name)}, "
         f"area {system.cloth.area:.6g} m², {system.constraints.count_free(n)} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
@@ -67,7 +67,7 @@ def describe_limit(problem: Problem) -> list[str]:
     return [f"fastest wave in the fabric {speed:.3g} m/s; {needs}"]
 
 
-def _sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
+def sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
     """Return a line with the source of each fabric that has one."""
     if isinstance(fabric, Fabric):
         fabric = {"fabric": fabric}

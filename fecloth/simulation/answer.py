@@ -136,10 +136,8 @@ def list_answers(answers: Mapping[str, Answer], refining: Sequence[str] = ()) ->
     width = max(map(len, answers), default=0)
     lines = []
     for name, answer in answers.items():
-        words = answer.in_words(command_for(name, refining))
-        lines.append(
-            "; ".join(filter(None, (f"{name:<{width}}  {words}", answer.measured_in_words)))
-        )
+        words = f"{name:<{width}}  {answer.in_words(command_for(name, refining))}"
+        lines.append("; ".join(filter(None, (words, answer.measured_in_words))))
     return lines
 
 

@@ -7,6 +7,7 @@ from fecloth.nonlinear.eigenpairs import least_stiffness
 from fecloth.nonlinear.increments import describe_path, resist_disturbances
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
+from fecloth.simulation.load_steps import LoadRate
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -64,7 +65,9 @@ class RestStability(Account):
         return cls(least, zero, is_reached=True, path=describe_path(system, load_steps))
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "RestStability":
-        return self.changed(solver_error=info.result.memory.error)
+        memory = info.result.memory
+        assert isinstance(memory, LoadRate)
+        return self.changed(solver_error=memory.error)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "RestStability":
         if end.is_whole:

@@ -360,8 +360,8 @@ def collect(
     accounts = accounts.finish(of_run, End(state, step))
     raised += accounts.new_doubts(raised)
     result = result_so_far()
-    record = record_of(observer, state, result.times, result.energies, result.observed)
-    answers = answer_quantities(interest, record, accounts, measured or {})
+    whole = record_of(observer, state, result.times, result.energies, result.observed)
+    answers = answer_quantities(interest, whole, accounts, measured or {})
     return replace(result, quantities=answers)
 
 
