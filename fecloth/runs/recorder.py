@@ -21,7 +21,7 @@ from fecloth.runs.run_files import RunFiles, check_space
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Accounts, End, Run
-from fecloth.simulation.answer import Answer, answer_quantities, command_for, list_answers
+from fecloth.simulation.answer import Answer, answer_quantities, list_answers, refining_command
 from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.growth import MOST_GROWTH
 from fecloth.simulation.record_steps import Record, record_steps
@@ -395,10 +395,10 @@ class Recorder:
 
     def _report(self, summary: dict, tables: dict, answers: Mapping[str, Answer]) -> None:
         """Write report.html; if that fails, log why."""
-        tiles = {
-            name: (answer.in_words(command_for(name, self.refining)), answer.measured_in_words)
-            for name, answer in answers.items()
-        }
+        tiles = {}
+        for name, answer in answers.items():
+            command = refining_command(name, answer, self.refining)
+            tiles[name] = (answer.in_words(), command, answer.measured_in_words)
         try:
             frame = self.files.frame(self.progress.state, self.progress.memory)
             obstacles = self.files.obstacles.last

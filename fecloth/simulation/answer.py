@@ -55,18 +55,18 @@ class Answer:
     def __str__(self) -> str:
         return "; ".join(filter(None, (self.in_words(), self.measured_in_words)))
 
-    def in_words(self, refining: str = "") -> str:
-        """Return value, unit and error; `refining` is the command that tells an unknown error."""
+    def in_words(self) -> str:
+        """Return value, unit and error; an error that is a part of the whole names its cause."""
         if math.isnan(self.value):
             return "no value in this run"
         if not math.isnan(self.uncertainty):
             number = with_uncertainty(self.value, self.uncertainty, self.unit)
             return f"{number} ({', '.join(self.parts)})"
-        known = ", ".join(f"{cause} {part:.1g} {self.unit}" for cause, part in self.parts.items())
         words = f"{self.value:.6g} {self.unit}".strip() + " ± not known"
-        if known:
-            words += f" ({known})"
-        return f"{words}: {refining}" if refining else words
+        if not self.parts:
+            return words
+        known = (f"{cause} {part:.1g} {self.unit}" for cause, part in self.parts.items())
+        return f"{words} ({', '.join(known)})"
 
     @property
     def measured_in_words(self) -> str:
@@ -136,16 +136,18 @@ def list_answers(answers: Mapping[str, Answer], refining: Sequence[str] = ()) ->
     width = max(map(len, answers), default=0)
     lines = []
     for name, answer in answers.items():
-        words = f"{name:<{width}}  {answer.in_words(command_for(name, refining))}"
+        words = f"{name:<{width}}  {answer.in_words()}"
+        if command := refining_command(name, answer, refining):
+            words += f": {command}"
         lines.append("; ".join(filter(None, (words, answer.measured_in_words))))
     return lines
 
 
-def command_for(quantity: str, refining: Sequence[str]) -> str:
-    """Return the command that tells the error of a quantity, as a shell reads it, or ""."""
-    if not refining:
+def refining_command(name: str, answer: Answer, refining: Sequence[str]) -> str:
+    """Return the command that tells an error which is not known, as a shell reads it, or ""."""
+    if not refining or math.isnan(answer.value) or not math.isnan(answer.uncertainty):
         return ""
-    return shlex.join([*refining, "--quantity", quantity])
+    return shlex.join([*refining, "--quantity", name])
 
 
 def _value(quantity: Quantity, record: RunRecord) -> float:

@@ -30,7 +30,7 @@ def write_report(
     tables: Mapping[str, Table],
     frame: Frame,
     obstacles: Obstacles | None = None,
-    answers: Mapping[str, tuple[str, str]] | None = None,
+    answers: Mapping[str, tuple[str, ...]] | None = None,
 ) -> Path:
     """Write ``folder``/report.html and return its path.
 
@@ -45,8 +45,8 @@ def write_report(
     frame, obstacles
         The last frame of the run, and its obstacles.
     answers
-        By the name of each quantity: its value with its error in words, and the measured value
-        or "". They are the first tiles.
+        By the name of each quantity: its value with its error in words, and lines below it, of
+        which those that are "" do not show. They are the first tiles.
     """
     unit = summary["unit"]
     # The line below the title: how large the run was.
