@@ -78,12 +78,13 @@ class Scene(Table):
     expect: dict[str, Expectations] = Field({})
     """What `fecloth check` verifies: names of columns, each with an expectation."""
     interest: Interest | None = None
-    """The quantities of interest: what studies compare."""
+    """The quantities of interest: what a run answers at its end, and studies compare."""
     uncertain: dict = Field({})
     """For `fecloth budget`: standard uncertainties of numbers by key, as "10 %"
     or in their units; start = 5 for disturbed starts."""
     measured: dict = Field({})
-    """For `fecloth budget`: by quantity, the measured value and its standard uncertainty."""
+    """By quantity, the measured value and its standard uncertainty, as a number or "2 %".
+    A run shows them beside its own; `fecloth budget` compares them."""
 
     _source: str = PrivateAttr("scene")
     _arguments: tuple[str, ...] = PrivateAttr(())
