@@ -110,15 +110,15 @@ def _print_outcome(outcome: "SceneResult", quiet: bool, verbose: bool) -> int:
         DONE,
         FAILED,
         cost_message,
-        details_message,
         failure_message,
         finished_message,
+        list_details,
     )
 
     is_done = outcome.status == DONE
     if not quiet:
         if verbose:
-            print(details_message(outcome))
+            print("\n".join(list_details(outcome.accounts, outcome.summary)))
         print(finished_message(outcome) if is_done else cost_message(outcome))
     if is_done:
         return 0

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from fecloth.errors import FeclothError, amount
 from fecloth.output.atomic_files import WriteError
+from fecloth.simulation.account import Accounts
 from fecloth.simulation.answer import list_answers
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.run import Result
@@ -125,11 +126,13 @@ def cost_message(outcome: SceneResult) -> str:
     return cost
 
 
-def details_message(outcome: SceneResult) -> str:
-    """Return lines on the energies, the shape and all accounts of a run, however it ended."""
-    summary = outcome.summary
-    lines = [ledger_text(outcome.ledger, summary["unit"]), _shape_message(summary)]
-    return "\n".join([*lines, *outcome.accounts.words()])
+def list_details(accounts: Accounts, summary: Mapping) -> list[str]:
+    """Return lines on the energies, the shape and all accounts of a run, however it ended.
+
+    `summary` is the content of summary.json.
+    """
+    energies = ledger_lines(accounts[Ledger], summary["unit"])
+    return [*energies, _shape_message(summary), *accounts.words()]
 
 
 def _shape_message(summary: Mapping) -> str:
@@ -176,9 +179,9 @@ def failure_message(outcome: SceneResult) -> str:
     return "; ".join(filter(None, (words, warning_count(outcome))))
 
 
-def ledger_text(ledger: Ledger, unit: str = " s") -> str:
+def ledger_lines(ledger: Ledger, unit: str = " s") -> list[str]:
     """Return the energies of a ledger, a line for each column."""
     row = ledger.row() | {"start": ledger.start}
     shown = {key: value for key, value in row.items() if key not in ("t", "total")}
-    lines = [f"  {key:<28} {value: .6e} J" for key, value in shown.items()]
-    return "\n".join([f"energy at {place_in_words(ledger.t, unit)}", *lines])
+    lines = (f"  {key:<28} {value: .6e} J" for key, value in shown.items())
+    return [f"energy at {place_in_words(ledger.t, unit)}", *lines]

@@ -331,7 +331,8 @@ class Recorder:
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g}{self.problem.unit}"
         try:
-            lines = [*accounts.words(), *list_answers(answers, self.refining)]
+            details = outcome.list_details(accounts, summary)
+            lines = [*details, *list_answers(answers, self.refining)]
             for line in (*lines, f"{words}: {error}" if error else words):
                 self.folder.log(line)
             self._report(summary, tables, answers)
