@@ -11,7 +11,7 @@ from fecloth.errors import InputError
 from fecloth.quantities.digits import with_uncertainty
 from fecloth.simulation.account import Accounts
 from fecloth.simulation.probes import Probe
-from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.simulation.rest_stability import RestStability
 from fecloth.simulation.time_error import TimeError
@@ -90,15 +90,13 @@ class Answer:
 
 def places_of(probes: Iterable[Probe | str]) -> tuple[Quantity, ...]:
     """Return what probes answer: where each is at the end, and columns that are asked by name."""
-    quantities = []
+    names = list[str]()
     for probe in probes:
         if isinstance(probe, str):
-            quantities.append(parse_quantity(probe.replace(":", ".")))
-            continue
-        for axis in "xyz":
-            name = f"{probe.name}.{axis}"
-            quantities.append(Quantity(name, name))
-    return tuple(quantities)
+            names.append(probe.replace(":", "."))  # as quantities write line_force:left
+        else:
+            names += [f"{probe.name}.{axis}" for axis in "xyz"]
+    return tuple(Quantity(name, name) for name in names)
 
 
 def answer_quantities(
@@ -151,11 +149,12 @@ def refining_command(name: str, answer: Answer, refining: Sequence[str]) -> str:
 
 
 def _value(quantity: Quantity, record: RunRecord) -> float:
-    """Return the value, NaN where the run has none."""
+    """Return the value; NaN where the run has none, as of a distance of what is never near."""
     try:
-        return value_of(quantity, record)
+        value = value_of(quantity, record)
     except InputError:
         return math.nan
+    return value if math.isfinite(value) else math.nan
 
 
 def _find_parts(quantity: Quantity, record: RunRecord, accounts: Accounts) -> dict[str, float]:
@@ -186,4 +185,5 @@ def _largest_change(quantity: Quantity, record: RunRecord) -> float:
     if axis in ("x", "y", "z") and name in record.vectors:
         quantity = Quantity(name, name)
     column = record.column(quantity)
-    return float(np.linalg.norm(column - column[0], axis=1).max())
+    lengths = np.linalg.norm(column - column[0], axis=1)
+    return float(lengths.max(initial=0.0, where=np.isfinite(lengths)))

@@ -224,8 +224,6 @@ class SceneSource:
             newton=built.newton,
             linear=built.linear,
             probes=built.probes,
-            interest=built.interest,
-            measured=built.measured,
         )
 
     def setup_on(self, values: Mapping[str, Any], base: Setup) -> Setup:
