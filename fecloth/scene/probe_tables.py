@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from fecloth.errors import InputError, SceneError, brief, did_you_mean, errors_of, is_number
-from fecloth.fabric.uncertainty import PART
+from fecloth.fabric.uncertainty import part_of
 from fecloth.quantities.units import LENGTH, TIME
 from fecloth.scene.field_types import Name
 from fecloth.scene.table_model import Table, require_exactly_one
@@ -130,9 +130,7 @@ def read_measured(table: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     measured = {}
     for name, pair in flatten_tables(table):
         is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0])
-        u: Any = pair[1] if is_pair else 0.0
-        if isinstance(u, str) and (part := PART.fullmatch(u.strip())):
-            u = float(part[1]) / 100 * abs(pair[0])
+        u = part_of(pair[0], pair[1], f"measured {name}") if is_pair else 0.0
         if not (is_number(u) and u > 0):
             allowed = (
                 'must be a value and its standard uncertainty > 0, as [0.036, 0.0005 or "2 %"]'

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 from fecloth.errors import InputError, brief, is_number
 from fecloth.fabric.fabric import Fabric
-from fecloth.fabric.uncertainty import PART, Uncertainty, merged
+from fecloth.fabric.uncertainty import Uncertainty, merged, part_of
 from fecloth.quantities.units import is_quantity
 from fecloth.scene.toml_text import flatten_tables
 from fecloth.study.parameters import Parameter, choose_parameters
@@ -145,14 +145,8 @@ def _read_deviation(problem: StudyProblem, key: str, uncertainty: Any, value: fl
     or, for a scene, a text with a unit, as "2 mm". Raise `InputError` for anything else, a
     number below 0, and a part of the value 0.
     """
-    number = uncertainty
-    is_text = isinstance(uncertainty, str)
-    if is_text and (part := PART.fullmatch(uncertainty.strip())):
-        if not value:
-            remedy = "Give the uncertainty as a number."
-            raise InputError(f'{key} = "{uncertainty}"', "is a part of 0", WHERE, remedy)
-        number = float(part[1]) / 100 * abs(value)
-    elif is_text and is_quantity(uncertainty):
+    number = part_of(value, uncertainty, key, WHERE)
+    if isinstance(number, str) and is_quantity(number):
         # a scene knows the dimension of the key, and reads the text as a value of it
         number = dict(problem.at({key: uncertainty}).source.numbers()).get(key)
     if not (is_number(number) and number >= 0):
