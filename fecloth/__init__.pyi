@@ -32,6 +32,7 @@ from .quantities.rotation import Rotation
 from .runs.outcome import SceneResult
 from .runs.run_scene import run_scene
 from .scene.scene import load_scene
+from .simulation.answer import Answer
 from .simulation.doubts.doubt import Doubt, DoubtKind
 from .simulation.energy_ledger import Ledger
 from .simulation.equilibrium import Equilibrium, equilibrium
@@ -97,6 +98,7 @@ __version__: str
 __all__ = [
     "BDF2",
     "Adaptive",
+    "Answer",
     "Auto",
     "BackwardEuler",
     "BaraffWitkin",

@@ -2,7 +2,7 @@
 
 A parameter such as ``jobs: Annotated[int, "processes (1)", "N"] = 1`` says all of an argument.
 After the type stand the help, in which "%(default)s" is the default; the name of the value in the
-help; and a second name of the option, as "-o". The last two may be left out.
+help; and a second name of the option, as "-o". The last two may be left out, or be "".
 
 Parameters that only a keyword sets are options, here ``--jobs``; the others are given by their
 place. An underscore at the end of a name is left out. The type says how the value is read:
@@ -70,7 +70,8 @@ def _add_argument(parser: ArgumentParser, parameter: Parameter) -> None:
     is_list = get_origin(kind) is list
     if is_list:
         (kind,) = get_args(kind)
-    keywords = dict(zip(("help", "metavar"), words, strict=False))
+    pairs = zip(("help", "metavar"), words, strict=False)
+    keywords: dict[str, Any] = {key: word for key, word in pairs if word}
     if get_origin(kind) is Literal:
         choices = get_args(kind)
         keywords |= {"choices": choices, "type": type(choices[0])}

@@ -40,8 +40,8 @@ def describe_scene(scene: Scene, ranks: int | None) -> list[str]:
     With `ranks` also the memory on that number of processes.
     """
     problem, (_, why) = scene.build().choose()
-    _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
-    lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
+    _, *mesh = describe_cloth(problem.cloth)  # the plan has the sizes
+    lines = [*plan(problem, why), *mesh]
     if ranks is not None:
         validation.number("ranks", ranks, 0.0, "info")
         memory = memory_of_each(problem.system, ranks)
@@ -68,13 +68,6 @@ def describe_cloth(cloth: Cloth) -> list[str]:
         f"mean {cloth.quality.mean():.3f} (1 is equilateral)",
         *(f"set {n}: {amount(len(cloth.nodes(n)), 'node')}" for n in sorted(cloth.node_sets)),
     ]
-
-
-def sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
-    """Return a line with the source of each fabric that has one."""
-    if isinstance(fabric, Fabric):
-        fabric = {"fabric": fabric}
-    return [f"{name}: {value.source}" for name, value in fabric.items() if value.source]
 
 
 def list_fabrics() -> list[str]:

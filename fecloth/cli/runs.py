@@ -26,6 +26,9 @@ def run(
     overwrite: Annotated[bool, "replace the run in that folder"] = False,
     resume: Annotated[str | None, "go on with the run in that folder", "DIR"] = None,
     threads: Threads = None,
+    verbose: Annotated[
+        bool, "print the plan, notes, energies and all accounts, as run.log has them", "", "-v"
+    ] = False,
 ) -> int:
     """Run a scene and leave files for ParaView.
 
@@ -46,11 +49,12 @@ def run(
             loaded,
             path,
             reading.quiet,
+            verbose,
             overwrite=overwrite,
             resume=bool(resume),
             make_system=make_system or System,
         )
-        return _print_outcome(outcome, reading.quiet)
+        return _print_outcome(outcome, reading.quiet, verbose)
 
     if count_processes() == 1:
         return run_here()
@@ -60,15 +64,15 @@ def run(
     return run_on_all(run_here)
 
 
-def _run_scene(scene: "Scene", path: Path, quiet: bool, **how: Any) -> "SceneResult":
+def _run_scene(scene: "Scene", path: Path, quiet: bool, verbose: bool, **how: Any) -> "SceneResult":
     """Run a scene in this process, and print what it does; with `quiet` only warnings.
 
+    With `verbose` the whole plan is printed, else the largest step of an explicit method alone.
     `how` are further arguments of `run_scene`.
     """
-    from fecloth.cli.describe import sources
     from fecloth.cli.progress import progress, show, terminal
     from fecloth.runs.run_scene import run_scene
-    from fecloth.scene.plan import plan
+    from fecloth.scene.plan import describe_limit, plan
 
     console = terminal()
 
@@ -76,9 +80,11 @@ def _run_scene(scene: "Scene", path: Path, quiet: bool, **how: Any) -> "SceneRes
         show(f"warning: {words}", console)
 
     def announce(problem: "Problem", why: str, warnings: list[str]) -> None:
+        lines = []
         if not quiet:
-            lines = [*sources(problem.system.fabric), *plan(problem, why)]
-            show("\n".join(lines), console)
+            lines = plan(problem, why) if verbose else describe_limit(problem)
+        for line in lines:
+            show(line, console)
         for words in warnings:
             warn(words)
 
@@ -95,17 +101,26 @@ def _run_scene(scene: "Scene", path: Path, quiet: bool, **how: Any) -> "SceneRes
         )
 
 
-def _print_outcome(outcome: "SceneResult", quiet: bool) -> int:
-    """Print the ledger and how the run ended; return the exit status.
+def _print_outcome(outcome: "SceneResult", quiet: bool, verbose: bool) -> int:
+    """Print what a run answers, or why it ended early; return the exit status.
 
-    With `quiet` only a failure is printed.
+    With `quiet` only a failure is printed; with `verbose` also all that the run accounts for.
     """
-    from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
+    from fecloth.runs.outcome import (
+        DONE,
+        FAILED,
+        cost_message,
+        failure_message,
+        finished_message,
+        list_details,
+    )
 
+    is_done = outcome.status == DONE
     if not quiet:
-        print(ledger_text(outcome.ledger, outcome.summary["unit"]))
-        print(finished_message(outcome))
-    if outcome.status == DONE:
+        if verbose:
+            print("\n".join(list_details(outcome.accounts, outcome.summary)))
+        print(finished_message(outcome) if is_done else cost_message(outcome))
+    if is_done:
         return 0
     print(failure_message(outcome), file=sys.stderr)
     if outcome.status == FAILED:

@@ -196,6 +196,21 @@ def _deviation(key: str, value: Any) -> float | str:
     return float(number)
 
 
+def part_of(value: float, uncertainty: Any, name: str, where: str = "") -> Any:
+    """Return the uncertainty of a value that a text gives as a part of it, such as "10 %".
+
+    Anything else is returned as it is. Raises `InputError` for a part of 0, with the `name` of
+    the value.
+    """
+    part = PART.fullmatch(uncertainty.strip()) if isinstance(uncertainty, str) else None
+    if part is None:
+        return uncertainty
+    if not value:
+        remedy = "Give the uncertainty as a number."
+        raise InputError(f'{name} = "{uncertainty}"', "is a part of 0", where, remedy)
+    return float(part[1]) / 100 * abs(value)
+
+
 def _correlations(
     correlation: Any, deviations: Mapping[str, Any]
 ) -> tuple[tuple[str, str, float], ...]:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from fecloth.errors import FeclothError, amount
 from fecloth.output.atomic_files import WriteError
+from fecloth.simulation.account import Accounts
+from fecloth.simulation.answer import list_answers
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.run import Result
 from fecloth.system.system import System
@@ -53,6 +55,11 @@ class SceneResult(Result):
         The cause of a failure.
     resumes
         Time from which `--resume` goes on [s], or None.
+    quantities
+        The answer to each quantity of [interest] and [measured], by its text; without these,
+        where the probes are at the end. {} of a run that has not reached its end.
+    refining
+        The words of the command that refines the scene; () where none can.
     """
 
     status: str
@@ -60,6 +67,7 @@ class SceneResult(Result):
     summary: dict
     error: FeclothError | None = None
     resumes: float | None = None
+    refining: tuple[str, ...] = ()
 
     @property
     def ledger(self) -> Ledger:
@@ -90,22 +98,41 @@ def place_in_words(t: float, unit: str) -> str:
 
 
 def finished_message(outcome: SceneResult) -> str:
-    """Return lines about a finished run: its shape, its errors, its cost, the file to open.
+    """Return lines about a finished run: its cost, its quantities, and what is known of errors.
 
-    The errors in time and in space are among the words of its accounts. The last line also
-    tells how many warnings there were.
+    Below the quantities stand the errors in time and in space (of an equilibrium, whether it is
+    stable), and how many warnings there were.
     """
     summary = outcome.summary
-    lines = [_shape_message(summary), *outcome.accounts.words()]
+    lines = [
+        f"{cost_message(outcome)}; open {outcome.folder / summary['open']} in ParaView",
+        *list_answers(outcome.quantities, outcome.refining),
+        summary["time_error_in_words"],
+        summary["space_error_in_words"],
+        warning_count(outcome),
+    ]
+    return "\n".join(filter(None, lines))
+
+
+def cost_message(outcome: SceneResult) -> str:
+    """Return the steps, iterations, seconds and threads of a run, in words."""
+    summary = outcome.summary
     steps = amount(summary["steps"], "step")
     iterations = amount(summary["newton"], "Newton iteration")
     cost = f"{steps} and {iterations} in {summary['seconds']['total']:.1f} s"
     threads = summary.get("threads", 1)
     if threads > 1:
         cost += f" on {threads} threads"
-    file_to_open = outcome.folder / summary["open"]
-    lines.append(f"{cost}; open {file_to_open} in ParaView{warning_count(outcome)}")
-    return "\n".join(lines)
+    return cost
+
+
+def list_details(accounts: Accounts, summary: Mapping) -> list[str]:
+    """Return lines on the energies, the shape and all accounts of a run, however it ended.
+
+    `summary` is the content of summary.json.
+    """
+    energies = ledger_lines(accounts[Ledger], summary["unit"])
+    return [*energies, _shape_message(summary), *accounts.words()]
 
 
 def _shape_message(summary: Mapping) -> str:
@@ -125,13 +152,13 @@ def _shape_message(summary: Mapping) -> str:
 
 
 def warning_count(outcome: SceneResult) -> str:
-    """Return the end of the last line if there were warnings, or ""."""
-    count = len(outcome.doubts)
+    """Return how many warnings there were and where they are, or ""."""
+    count = len(outcome.warnings)
     if not count:
         return ""
     where = outcome.folder / "report.html"
     were = "was" if count == 1 else "were"
-    return f"; there {were} {amount(count, 'warning')}, see above or {where}"
+    return f"there {were} {amount(count, 'warning')}, see above or {where}"
 
 
 def failure_message(outcome: SceneResult) -> str:
@@ -149,12 +176,12 @@ def failure_message(outcome: SceneResult) -> str:
             words += "; no restart file was written; restart_steps in [output] writes some"
         else:
             words += f"; --resume {folder} goes on from {place_in_words(outcome.resumes, unit)}"
-    return words + warning_count(outcome)
+    return "; ".join(filter(None, (words, warning_count(outcome))))
 
 
-def ledger_text(ledger: Ledger, unit: str = " s") -> str:
+def ledger_lines(ledger: Ledger, unit: str = " s") -> list[str]:
     """Return the energies of a ledger, a line for each column."""
     row = ledger.row() | {"start": ledger.start}
     shown = {key: value for key, value in row.items() if key not in ("t", "total")}
-    lines = [f"  {key:<28} {value: .6e} J" for key, value in shown.items()]
-    return "\n".join([f"energy at {place_in_words(ledger.t, unit)}", *lines])
+    lines = (f"  {key:<28} {value: .6e} J" for key, value in shown.items())
+    return [f"energy at {place_in_words(ledger.t, unit)}", *lines]

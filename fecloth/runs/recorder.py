@@ -1,7 +1,7 @@
 """The recording of a running scene: each step is in all of its files or in none."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -21,10 +21,11 @@ from fecloth.runs.run_files import RunFiles, check_space
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Accounts, End, Run
+from fecloth.simulation.answer import Answer, answer_quantities, list_answers, refining_command
 from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.growth import MOST_GROWTH
 from fecloth.simulation.record_steps import Record, record_steps
-from fecloth.simulation.run import list_accounts
+from fecloth.simulation.run import list_accounts, record_of
 from fecloth.simulation.shapes import Shapes
 from fecloth.simulation.solves import Solves
 from fecloth.simulation.steps import Memory, StepInfo
@@ -61,6 +62,8 @@ class Recorder:
         The restart from which a run continues; None for a new run.
     doubts_before_run
         The doubts that were found before the first step.
+    refining
+        The words of the command that refines the scene; see `Scene.refining`.
     """
 
     def __init__(
@@ -73,6 +76,7 @@ class Recorder:
         start: str,
         earlier: Restart | None = None,
         doubts_before_run: Sequence[Doubt] = (),
+        refining: tuple[str, ...] = (),
     ):
         self.folder = folder
         self.problem = problem
@@ -81,6 +85,7 @@ class Recorder:
         self.scene = scene
         self.start = start
         self.doubts_before_run = doubts_before_run
+        self.refining = refining
         self.run = Run(
             system=problem.system,
             method=problem.method,
@@ -315,8 +320,9 @@ class Recorder:
         with self.watch.phase("output"):
             accounts = self.progress.accounts.finish(self.run, end)
         self._warn(accounts, warn)
-        summary = self._summarise(status, why, str(error) if error else None, accounts)
         tables = {name: read_table(table.path) for name, table in self.files.tables.items()}
+        answers = self._answer(status, tables, accounts)
+        summary = self._summarise(status, why, str(error) if error else None, accounts, answers)
         place = place_in_words(state.t, self.problem.unit)
         words = f"{status} at {place} after {amount(steps, 'step')}"
         resumes: float | None = None  # without a restart file
@@ -325,21 +331,40 @@ class Recorder:
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g}{self.problem.unit}"
         try:
-            for line in (*accounts.words(), f"{words}: {error}" if error else words):
+            details = outcome.list_details(accounts, summary)
+            lines = [*details, *list_answers(answers, self.refining)]
+            for line in (*lines, f"{words}: {error}" if error else words):
                 self.folder.log(line)
-            self._report(summary, tables)
+            self._report(summary, tables, answers)
             self.folder.summary(summary)
         except InputError as disk_error:
             status = FAILED
             error = error or disk_error
-        return self._make_result(status, summary, tables, accounts, error, resumes)
+        return self._make_result(status, summary, tables, accounts, answers, error, resumes)
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """All doubts of the run, first the doubts before the first step."""
         return (*self.doubts_before_run, *self.progress.doubts)
 
-    def _summarise(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
+    def _answer(self, status: str, tables: Mapping, accounts: Accounts) -> dict[str, Answer]:
+        """Return the answers to the quantities of the scene; {} of a run that ended early."""
+        if status != DONE:
+            return {}
+        observer = self.problem.observer
+        energies, observed = columns_of(tables)
+        times = tables["energies"]["t"]
+        record = record_of(observer, self.progress.state, times, energies, observed)
+        return answer_quantities(self.problem.asked, record, accounts, self.problem.measured)
+
+    def _summarise(
+        self,
+        status: str,
+        why: str,
+        failure: str | None,
+        accounts: Accounts,
+        answers: Mapping[str, Answer],
+    ) -> dict:
         """Return the content of summary.json.
 
         `failure` is the message of the error that ended the run; `why` is the reason for the
@@ -349,6 +374,7 @@ class Recorder:
         return {
             "status": status,
             "error": failure,
+            "quantities": {name: answer.entry() for name, answer in answers.items()},
             "warnings": warnings,
             "warning": next(iter(warnings), None),  # as older runs have it
             "doubts": [doubt.entry() for doubt in self.doubts],
@@ -368,20 +394,24 @@ class Recorder:
             "versions": versions(),
         }
 
-    def _report(self, summary: dict, tables: dict) -> None:
+    def _report(self, summary: dict, tables: dict, answers: Mapping[str, Answer]) -> None:
         """Write report.html; if that fails, log why."""
+        tiles = {}
+        for name, answer in answers.items():
+            command = refining_command(name, answer, self.refining)
+            tiles[name] = (answer.in_words(), command, answer.measured_in_words)
         try:
             frame = self.files.frame(self.progress.state, self.progress.memory)
-            write_report(self.folder.path, summary, tables, frame, self.files.obstacles.last)
+            obstacles = self.files.obstacles.last
+            write_report(self.folder.path, summary, tables, frame, obstacles, tiles)
         except Exception as failure:  # no error of a page may lose the result
             self.folder.log(f"warning: no report: {failure}")
 
     def _make_result(
-        self, status: str, summary: dict, tables: dict, accounts: Accounts, error, resumes
+        self, status: str, summary: dict, tables: dict, accounts: Accounts, answers, error, resumes
     ):
         """Return the `SceneResult`, with the energies and observed columns of the tables."""
-        energies = {name: y for name, y in tables["energies"].items() if name != "t"}
-        observed = {name: y for name, y in tables["observed"].items() if name != "t"}
+        energies, observed = columns_of(tables)
         return SceneResult(
             state=self.progress.state,
             times=tables["energies"].get("t", np.empty(0)),
@@ -392,9 +422,20 @@ class Recorder:
             method=self.problem.method,
             doubts=self.doubts,
             accounts=accounts,
+            quantities=answers,
             status=status,
             folder=self.folder.path,
             summary=summary,
             error=error,
             resumes=resumes,
+            refining=self.refining,
         )
+
+
+def columns_of(tables: Mapping[str, Mapping]) -> tuple[dict, dict]:
+    """Return the columns of the energies and of what was observed, without the times."""
+    energies, observed = (
+        {name: column for name, column in tables[table].items() if name != "t"}
+        for table in ("energies", "observed")
+    )
+    return energies, observed

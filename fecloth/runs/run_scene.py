@@ -10,16 +10,17 @@ from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
 
-from fecloth.errors import InputError, amount
+from fecloth.errors import InputError
 from fecloth.output.atomic_files import lock_folder, writing
 from fecloth.runs import restart as restarts
 from fecloth.runs.environment import Watch
 from fecloth.runs.first_calls import compile_kernels
 from fecloth.runs.folder import RunFolder, remove_on_failure
 from fecloth.runs.interruption import interruptible
-from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, SceneResult, count_sizes
+from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, SceneResult
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.restart import Restart
+from fecloth.scene.plan import plan
 from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene
 from fecloth.simulation.doubts.doubt import in_words
@@ -133,8 +134,8 @@ def _run_scene(
                 folder = RunFolder.create(path, overwrite)
                 clean_up.enter_context(remove_on_failure(path, is_new=not existed))
             folder.text("scene.resolved.toml", scene.to_toml())
-            _log_setup(folder, problem, why)
-            for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
+            folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
+            for line in (*plan(problem, why), *(f"warning: {words}" for words in warnings)):
                 folder.log(line)
             recorder = Recorder(
                 folder,
@@ -145,6 +146,7 @@ def _run_scene(
                 start=start,
                 earlier=earlier,
                 doubts_before_run=doubts,
+                refining=scene.refining,
             )
         error = recorder.march(report, warn, interrupted)
         if error:
@@ -156,15 +158,6 @@ def _run_scene(
         outcome = recorder.close(status, why, error, warn)
         closed()
         return outcome
-
-
-def _log_setup(folder: RunFolder, problem: Problem, why: str) -> None:
-    """Log the process, the sizes, the terms, and the solver with the reason for it."""
-    folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
-    sizes = count_sizes(problem.system)
-    terms = ", ".join(problem.system.names) or "no terms"
-    counts = f"{sizes['nodes']} nodes, {amount(sizes['triangles'], 'triangle')}"
-    folder.log(f"{counts}; {terms}; solver {why}")
 
 
 def _with_earlier_method(problem: Problem, earlier: Restart | None) -> Problem:

@@ -1,7 +1,7 @@
 """The objects of a scene, each made once: system, start, method, what is recorded."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
@@ -20,13 +20,14 @@ from fecloth.output.frames import read_frame
 from fecloth.scene.cloth_tables import Pieces
 from fecloth.scene.error_words import errors_at
 from fecloth.scene.placement import PinTable
-from fecloth.scene.probe_tables import refuse_unknown
+from fecloth.scene.probe_tables import read_measured, refuse_unknown
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Time
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Probe
+from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.step_times import step_times
 from fecloth.simulation.steps import Memory
 from fecloth.system.clamps import find_clamps
@@ -68,15 +69,20 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         note = bending_note(pattern, [term.type for term in scene.terms])
     else:
         note = ""
+    with errors_of_key("measured"):
+        measured = read_measured(scene.measured)
+        interest = scene.quantities
     problem = Problem(
         system,
         state,
         steps,
+        interest=interest,
+        measured=measured,
         t_end=scene.schedule.t_end,
         unit=scene.schedule.unit,
         newton=scene.solver.make(),
         linear=scene.solver.linear,
-        probes=(*probes, *_columns_on_request(scene)),
+        probes=(*probes, *_columns_on_request(scene, interest)),
         # With a memory the start is not checked again; `_check_method` has done so.
         memory=Memory(step=0, start=state.t, method_memory=None),
         frame_steps=scene.output.steps(scene.schedule),
@@ -295,15 +301,12 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
             raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
 
 
-def _columns_on_request(scene: Any) -> tuple[str, ...]:
+def _columns_on_request(scene: Any, interest: Iterable[Quantity]) -> tuple[str, ...]:
     """Return the columns that a run has only on request and that this scene asks for.
 
-    A scene asks for a column by naming it under [expect] or [interest].
+    A scene asks for a column by naming it under [expect], [interest] or [measured].
     """
-    names = list(scene.expect)
-    if scene.interest:
-        names += [quantity.column for quantity in scene.interest.all]
-    return on_request(names)
+    return on_request([*scene.expect, *(quantity.column for quantity in interest)])
 
 
 def _check_columns(
@@ -311,7 +314,7 @@ def _check_columns(
 ) -> None:
     """Raise `SceneError` for a probe that cannot be bound, or a quantity without a column.
 
-    The quantities are those of [expect] and [interest].
+    The quantities are those of [expect], [interest] and [measured].
     """
     try:
         _ = problem.observer  # made here: that binds all probes, and the columns on request
@@ -321,8 +324,9 @@ def _check_columns(
             with errors_of_key(f"probes.{i}.{key}"):
                 probe.weights(problem.cloth)
         # All probes are valid: the mistake is in a column on request.
-        with errors_of_key("interest" if scene.interest else "expect"):
+        tables = ("interest", "measured", "expect")
+        with errors_of_key(next(name for name in tables if getattr(scene, name))):
             raise
-    if scene.expect or scene.interest:
+    if scene.expect or scene.interest or scene.measured:
         names = sorted(problem.row().keys() - {"t"})
-        refuse_unknown(scene.expect, scene.interest, names, scene.source)
+        refuse_unknown(scene.expect, scene.interest, problem.measured, names, scene.source)

@@ -1,9 +1,10 @@
 """What a run is about to do, in words, before its first step."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from fecloth.errors import amount
+from fecloth.fabric.fabric import Fabric
 from fecloth.linalg import mkl_pardiso
 from fecloth.scene.problem import Problem
 from fecloth.simulation import dimensionless
@@ -27,9 +28,10 @@ GAMG_PER_TRIANGLE = 370
 def plan(problem: Problem, why: str) -> list[str]:
     """Return lines that say, before its first step, what a run is about to do.
 
-    They state sizes, terms, pins, method, linear solver, threads, memory, the weight compared
-    with the bending stiffness, wrinkles, the notes of the problem and, for a motion, the largest
-    step of an explicit method. `why` says which linear solver was chosen, and why.
+    They state the sources of fabrics, sizes, terms, pins, method, linear solver, threads, memory,
+    the weight compared with the bending stiffness, wrinkles, the notes of the problem and, for a
+    motion, the largest step of an explicit method. `why` says which linear solver was chosen, and
+    why.
     """
     system = problem.system
     n = len(problem.system.cloth.X)
@@ -37,7 +39,8 @@ def plan(problem: Problem, why: str) -> list[str]:
         element_name = "quadratic triangle"
     else:
         element_name = "triangle"
-    lines = [
+    return [
+        *sources(system.fabric),
         f"{n} nodes, {amount(len(system.cloth.triangles), element_name)}, "
         f"area {system.cloth.area:.6g} m², {system.constraints.count_free(n)} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
@@ -47,18 +50,28 @@ def plan(problem: Problem, why: str) -> list[str]:
         _describe_threads_and_memory(problem),
         *_length_lines(system),
         *problem.notes(),
+        *describe_limit(problem),
     ]
-    if problem.is_static:  # no steps in time
-        return lines
-    limit = problem.planned.explicit_limit
-    if math.isfinite(limit):  # infinite: no term limits an explicit step
-        speed = max(map(dimensionless.wave_speed, system.panel.fabrics))
-        fastest = f"fastest wave in the fabric {speed:.3g} m/s"
-        needs = f"an explicit method would need dt <= {limit:.3g} s (at the start)"
-        if system.mass_kind != "lumped":
-            needs = 'a consistent mass allows no explicit method, mass = "lumped" would'
-        lines.append(f"{fastest}; {needs}")
-    return lines
+
+
+def describe_limit(problem: Problem) -> list[str]:
+    """Return a line on the largest step of an explicit method; none where there is no limit."""
+    limit = math.inf if problem.is_static else problem.planned.explicit_limit
+    if not math.isfinite(limit):  # infinite: no term limits an explicit step
+        return []
+    system = problem.system
+    speed = max(map(dimensionless.wave_speed, system.panel.fabrics))
+    needs = f"an explicit method would need dt <= {limit:.3g} s (at the start)"
+    if system.mass_kind != "lumped":
+        needs = 'a consistent mass allows no explicit method, mass = "lumped" would'
+    return [f"fastest wave in the fabric {speed:.3g} m/s; {needs}"]
+
+
+def sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
+    """Return a line with the source of each fabric that has one."""
+    if isinstance(fabric, Fabric):
+        fabric = {"fabric": fabric}
+    return [f"{name}: {value.source}" for name, value in fabric.items() if value.source]
 
 
 def _describe_pins(system: System) -> str:

@@ -1,16 +1,18 @@
-"""The tables [[probes]], [expect] and [interest] of a scene; the values expected of a run."""
+"""The tables [[probes]], [expect], [interest] and [measured]; the values expected of a run."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from fecloth.errors import InputError, SceneError, did_you_mean, errors_of
+from fecloth.errors import InputError, SceneError, brief, did_you_mean, errors_of, is_number
+from fecloth.fabric.uncertainty import part_of
 from fecloth.quantities.units import LENGTH, TIME
 from fecloth.scene.field_types import Name
 from fecloth.scene.table_model import Table, require_exactly_one
+from fecloth.scene.toml_text import flatten_tables
 from fecloth.simulation.probes import TAKEN, Probe
 from fecloth.simulation.quantity import FIELDS, Quantity, parse_quantity
 
@@ -119,6 +121,26 @@ class Interest(Table):
         return tuple(quantity for group in self.parsed.values() for quantity in group)
 
 
+def read_measured(table: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Return the measured values and their standard uncertainties, both in SI, by quantity.
+
+    Each entry of the table is a pair: the value, and its uncertainty as a number or as "2 %" of
+    the value. Raise `InputError` for anything else, and for an uncertainty of 0.
+    """
+    measured = {}
+    for name, pair in flatten_tables(table):
+        is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0])
+        u = part_of(pair[0], pair[1], f"measured {name}") if is_pair else 0.0
+        if not (is_number(u) and u > 0):
+            allowed = (
+                'must be a value and its standard uncertainty > 0, as [0.036, 0.0005 or "2 %"]'
+            )
+            raise InputError(f"measured {name} = {brief(pair)}", allowed)
+        text = " ".join(name.split())  # as the text of a quantity: single spaces
+        measured[text] = (float(pair[0]), float(u))
+    return measured
+
+
 def _as_tuple(value: Any) -> Any:
     if isinstance(value, dict):
         return (value,)
@@ -158,9 +180,13 @@ def refuse_times(
 
 
 def refuse_unknown(
-    expect: Expected, interest: Interest | None, names: list[str], source: str
+    expect: Expected,
+    interest: Interest | None,
+    measured: Iterable[str],
+    names: list[str],
+    source: str,
 ) -> None:
-    """Raise `SceneError` for an expected value or a quantity of interest without a column.
+    """Raise `SceneError` for a quantity of one of these tables without a column.
 
     `names` are the columns of the run, and `source` is the file of the scene.
     """
@@ -168,12 +194,13 @@ def refuse_unknown(
         if name not in names:
             allowed = f"unknown quantity; this run has {', '.join(names)}"
             raise SceneError(f"expect.{name}", allowed, source, did_you_mean(name, names))
-    if interest is None:
-        return
-    for key, quantities in interest.parsed.items():
+    asked = {"measured": tuple(map(parse_quantity, measured))}
+    if interest:
+        asked |= {f"interest.{key}": group for key, group in interest.parsed.items()}
+    for key, quantities in asked.items():
         for quantity in quantities:
             with errors_of(source, kind=SceneError):
-                quantity.require_known(names, f"interest.{key}")
+                quantity.require_known(names, key)
 
 
 @dataclass(frozen=True)

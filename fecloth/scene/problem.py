@@ -24,7 +24,7 @@ class Problem(Setup):
     output
         The table [output] of the scene.
     note
-        A line to print before the run, or "".
+        A line for the plan of the run, or "".
     unit
         What follows a value of t in words: " s" or " of the loads".
     """
@@ -41,7 +41,7 @@ class Problem(Setup):
         return self.steps.dt
 
     def notes(self) -> list[str]:
-        """Return lines to print before the run: facts that are easily overlooked."""
+        """Return lines for the plan of the run: facts that are easily overlooked."""
         notes = [self.note] if self.note else []
         return notes + [f"note: {doubt}" for doubt in find_doubts(self.planned, NOTES)]
 

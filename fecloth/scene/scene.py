@@ -22,12 +22,20 @@ from fecloth.scene.build import build
 from fecloth.scene.cloth_tables import join_pieces
 from fecloth.scene.error_words import errors_at, scene_error
 from fecloth.scene.placement import PinTable, Start
-from fecloth.scene.probe_tables import Expectations, Interest, ProbeTable, refuse_times
+from fecloth.scene.probe_tables import (
+    Expectations,
+    Interest,
+    ProbeTable,
+    read_measured,
+    refuse_times,
+)
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Output, Time
 from fecloth.scene.table_model import Table, as_tuples, require_exactly_one
 from fecloth.scene.tables import FabricTable
 from fecloth.scene.toml_text import override
+from fecloth.simulation.answer import places_of
+from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.system.system import System
 from fecloth.terms.bending.friction import LOAD_STEPS
 
@@ -70,14 +78,16 @@ class Scene(Table):
     expect: dict[str, Expectations] = Field({})
     """What `fecloth check` verifies: names of columns, each with an expectation."""
     interest: Interest | None = None
-    """The quantities of interest: what studies compare."""
+    """The quantities of interest: what a run answers at its end, and studies compare."""
     uncertain: dict = Field({})
     """For `fecloth budget`: standard uncertainties of numbers by key, as "10 %"
     or in their units; start = 5 for disturbed starts."""
     measured: dict = Field({})
-    """For `fecloth budget`: by quantity, the measured value and its standard uncertainty."""
+    """By quantity, the measured value and its standard uncertainty, as a number or "2 %".
+    A run shows them beside its own; `fecloth budget` compares them."""
 
     _source: str = PrivateAttr("scene")
+    _arguments: tuple[str, ...] = PrivateAttr(())
     _text: str = PrivateAttr("")
     _trusts_geo: bool = PrivateAttr(False)
     _mesh_time: float = PrivateAttr(TIME_LIMIT)
@@ -202,6 +212,29 @@ class Scene(Table):
         return self._trusts_geo
 
     @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """The quantities that a run answers: those of [interest], and what was measured.
+
+        Without both it is where the probes are at the end.
+        """
+        quantities = list(self.interest.all) if self.interest else []
+        texts = {quantity.text for quantity in quantities}
+        measured = (name for name in read_measured(self.measured) if name not in texts)
+        quantities += map(parse_quantity, measured)
+        return tuple(quantities) or places_of(probe.probe() for probe in self.probes)
+
+    @property
+    def refining(self) -> tuple[str, ...]:
+        """The words of the command that refines its mesh; () where none can.
+
+        There is none for a scene without a file, with terms of Python or a start on one mesh,
+        or without an h.
+        """
+        if not self._arguments or self.start.frame or getattr(self.cloth, "h", None) is None:
+            return ()
+        return ("fecloth", "converge", *self._arguments)
+
+    @property
     def text(self) -> str:
         """The text of that file, for the numbers of lines in messages."""
         return self._text
@@ -282,7 +315,16 @@ def load_scene(
     scene = _check(scene_class, data, source, text, path.parent)
     scene._trusts_geo = trust_geo
     scene._mesh_time = mesh_time
+    if not terms:  # which no command could read
+        scene._arguments = _arguments_of(path, overrides, trust_geo)
     return scene
+
+
+def _arguments_of(path: Path, overrides: Iterable[str], trust_geo: bool) -> tuple[str, ...]:
+    """Return the arguments with which a command reads a scene with these changes."""
+    changes = [word for override in overrides for word in ("--set", override)]
+    trust = ["--trust-geo"] if trust_geo else []
+    return str(path), *changes, *trust
 
 
 def scene_of(tables: dict, trust_geo: bool = False) -> Scene:

@@ -3,7 +3,7 @@
 import copy
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -140,6 +140,19 @@ def flatten(data: object, key: str = "") -> dict[str, Any]:
     for name, value in items:
         flat |= flatten(value, f"{prefix}{name}")
     return flat
+
+
+def flatten_tables(tables: Mapping[str, Any], key: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested tables by dotted keys; a list is a value.
+
+    So ``tip.x = [1, 0.1]``, which TOML reads as a table in a table, has the key "tip.x".
+    """
+    for name, value in tables.items():
+        full_key = f"{key}.{name}" if key else str(name)
+        if isinstance(value, Mapping):
+            yield from flatten_tables(value, full_key)
+        else:
+            yield full_key, value
 
 
 def _parse_override(text: str) -> tuple[list[str], object]:

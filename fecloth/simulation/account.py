@@ -91,7 +91,7 @@ class Account:
     due
         Number of the step that must have a row for it.
     sentence
-        A line for the log and the terminal at the end, or "".
+        A line for the log at the end, with -v also for the terminal; or "".
     """
 
     name: ClassVar[str]
@@ -128,7 +128,7 @@ class Account:
         return ()
 
     def words(self) -> str:
-        """Return a line for the log and the terminal at the end, or ""."""
+        """Return a line for the log at the end, with -v also for the terminal; or ""."""
         return self.sentence
 
     def summary(self) -> Mapping[str, object]:
@@ -212,7 +212,7 @@ class Accounts:
         return list(new.values())
 
     def words(self) -> list[str]:
-        """Return the lines of all accounts for the log and the terminal at the end."""
+        """Return the lines of all accounts for the end of the log."""
         return [words for record in self.records.values() if (words := record.words())]
 
     def summary(self) -> dict[str, object]:

@@ -4,6 +4,7 @@ The "time" is the part of the loads that acts, from 0 at the start to 1. So fram
 restart files and probes serve a static scene as they serve a motion.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -39,10 +40,13 @@ class LoadRate:
         (n, 3) ∂x/∂(part of the loads) [m], beyond where the pins carry the cloth; or 0.
     force
         (n, 3) force of all terms [N].
+    error
+        The error that the iteration left in x [m]; NaN where it is not estimated.
     """
 
     rate: np.ndarray | float
     force: np.ndarray
+    error: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +136,9 @@ class LoadSteps(ChosenSteps):
             raise LoadsFailed(failure.reason, failure.residual, failure.remedy) from failure
         solved = increase.solved
         new = State(load, solved.x, still)
-        step = close_loads(increase.over, new, before.force, increase.rate, solved.counts)
+        step = close_loads(
+            increase.over, new, before.force, increase.rate, solved.counts, solved.error
+        )
         solution = Solution(self, increase.path, memory, solved.x)
         return replace(step, history=increase.history, earlier=history, solution=solution)
 
@@ -173,14 +179,15 @@ def close_loads(
     first: np.ndarray,
     rate: np.ndarray | float = 0.0,
     counts: Counts = UNCOUNTED,
+    error: float = math.nan,
 ) -> Step:
     """Return the step to the equilibrium `new`, whose t is the part of the loads.
 
     `over` is the system over its last increment, with whole loads; `first` (n, 3) is the force
-    of all terms at the begin of the step [N], and `rate` is as in `LoadRate`.
+    of all terms at the begin of the step [N], and `rate` and `error` are as in `LoadRate`.
     """
     over = over.with_bound(_scaled(over, new.t))
-    memory = LoadRate(rate, over.force(new))
+    memory = LoadRate(rate, over.force(new), error)
     return Step(new, new, memory, counts, over=over, first_force=first)
 
 

@@ -1,7 +1,7 @@
 """Values of quantities of interest in a run, and their differences between two runs."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -11,7 +11,6 @@ import scipy
 from fecloth.errors import InputError, amount
 from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.quantity import Quantity
-from fecloth.simulation.run import Result
 
 COMPONENTS = "xyz"
 
@@ -32,6 +31,8 @@ class RunRecord:
         "displacement" [m] and "velocity" [m/s] at the end, (n, 3) each.
     probes
         Names of probes: the size of one is the length of its displacement.
+    energies
+        Names of the columns that are energies.
     frequencies
         Frequencies of the modes, the lowest first [Hz].
     values
@@ -43,13 +44,9 @@ class RunRecord:
     cloth: Cloth | None = None
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
     probes: tuple[str, ...] = ()
+    energies: Collection[str] = ()
     frequencies: tuple[float, ...] = ()
     values: Mapping[str, float] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, result: Result, cloth: Cloth | None = None, **more) -> "RunRecord":
-        """Return the record of a result; `more` are other fields of the record, by name."""
-        return cls(result.times, {**result.energies, **result.observed}, cloth, **more)
 
     @cached_property
     def vectors(self) -> set[str]:
@@ -195,7 +192,7 @@ def _rms(times: np.ndarray, values: np.ndarray) -> float:
 def _norm(quantity: Quantity, a: RunRecord, b: RunRecord, minus: float) -> float:
     """Return the norm of b − minus · a over the cloth."""
     if a.cloth is None or b.cloth is None:
-        raise InputError(f"{quantity}", "needs the cloth: RunRecord.of(result, cloth, fields=…)")
+        raise InputError(f"{quantity}", "needs the cloth and the field of a whole run")
     field_a = minus * a.fields[quantity.name]
     field_b = b.fields[quantity.name]
     norm = getattr(a.cloth, f"{quantity.norm}_difference")

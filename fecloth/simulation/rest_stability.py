@@ -7,6 +7,8 @@ from fecloth.nonlinear.eigenpairs import least_stiffness
 from fecloth.nonlinear.increments import describe_path, resist_disturbances
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
+from fecloth.simulation.load_steps import LoadRate
+from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
@@ -41,6 +43,8 @@ class RestStability(Account):
         Whether the cloth has come to its equilibrium.
     path
         By `describe_path`.
+    solver_error
+        The error [m] that the iteration left in x; NaN where it is not estimated.
     """
 
     name = "stability"
@@ -48,6 +52,7 @@ class RestStability(Account):
     zero: float = 0.0
     is_reached: bool = False
     path: str = ""
+    solver_error: float = math.nan
 
     @classmethod
     def of(cls, system: System, state: State, load_steps: int = 1) -> "RestStability":
@@ -59,9 +64,15 @@ class RestStability(Account):
         least, zero = least_stiffness(about, state)
         return cls(least, zero, is_reached=True, path=describe_path(system, load_steps))
 
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> "RestStability":
+        memory = info.result.memory
+        assert isinstance(memory, LoadRate)
+        return self.changed(solver_error=memory.error)
+
     def finish(self, run: Run, end: End, others: Accounts) -> "RestStability":
         if end.is_whole:
-            return self.of(run.system, end.state, run.method.load_steps)
+            rest = self.of(run.system, end.state, run.method.load_steps)
+            return rest.changed(solver_error=self.solver_error)
         return self
 
     def words(self) -> str:
@@ -90,5 +101,6 @@ class RestStability(Account):
         """Return the stability in the place of the error in time."""
         entries: dict[str, object] = {"time_error": None, "time_error_in_words": self.words()}
         if self.is_reached:
-            entries["least_eigenvalue"] = None if math.isnan(self.least) else self.least
+            figures = {"least_eigenvalue": self.least, "solver_error": self.solver_error}
+            entries |= {key: None if math.isnan(v) else v for key, v in figures.items()}
         return entries

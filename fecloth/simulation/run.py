@@ -5,7 +5,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -18,6 +18,7 @@ from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
 from fecloth.simulation import record_steps as recording
 from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.answer import Answer, answer_quantities, places_of
 from fecloth.simulation.beyond_curve import BeyondCurve
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import Deformation
@@ -32,6 +33,8 @@ from fecloth.simulation.growth import MOST_GROWTH, Growth
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
+from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.quantity_values import RunRecord
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.rest_stability import RestStability
 from fecloth.simulation.shapes import Shape, Shapes
@@ -100,6 +103,9 @@ class Result:
         if it closes at the end.
     accounts
         What the run accounts for, at its end.
+    quantities
+        The answer to each quantity that was asked for, by its text; {} of a run that has not
+        reached its end. Without [interest] of a scene: where the probes are at the end.
     """
 
     state: State
@@ -111,6 +117,7 @@ class Result:
     method: object
     doubts: tuple[Doubt, ...]
     accounts: Accounts
+    quantities: Mapping[str, Answer] = field(default_factory=dict)
 
     @property
     def figures(self) -> dict[str, object]:
@@ -285,6 +292,7 @@ def run(
         foreseen=foreseen,
         next_row=recording.rows_at_least(rows, opening.t, end),
         step=before.step,
+        interest=places_of(probes),
     )
     for doubt in result.doubts[len(foreseen) :]:
         warnings.warn(str(doubt), FeclothWarning, stacklevel=3)
@@ -304,13 +312,15 @@ def collect(
     foreseen: tuple[Doubt, ...] = (),
     next_row: Callable[[StepInfo], Wanted] | None = None,
     step: int = 0,
+    interest: Iterable[Quantity] = (),
+    measured: Mapping[str, tuple[float, float]] | None = None,
 ) -> Result:
     """Take all steps of `march` and return what was recorded of them.
 
     The ledger and the observer are at the state before the first step, of the number `step` + 1.
     `why` is the linear solver and why it was chosen, `foreseen` are the doubts from before the
-    first step, and `t_end` is the end of the run [s]. The other arguments are as for `run` and
-    `record_steps`.
+    first step, and `t_end` is the end of the run [s]. `interest` and `measured` are as for
+    `answer_quantities`. The other arguments are as for `run` and `record_steps`.
     """
     begin = time.perf_counter()
     seconds = Counter[str]()
@@ -349,7 +359,32 @@ def collect(
         raise
     accounts = accounts.finish(of_run, End(state, step))
     raised += accounts.new_doubts(raised)
-    return result_so_far()
+    result = result_so_far()
+    whole = record_of(observer, state, result.times, result.energies, result.observed)
+    answers = answer_quantities(interest, whole, accounts, measured or {})
+    return replace(result, quantities=answers)
+
+
+def record_of(
+    observer: Observer,
+    end: State,
+    times: np.ndarray,
+    energies: Mapping[str, np.ndarray],
+    observed: Mapping[str, np.ndarray],
+) -> RunRecord:
+    """Return what the quantities of a run are computed from.
+
+    `observer` is at its start and `end` is its last state; the columns have a row for each of
+    the `times`.
+    """
+    return RunRecord(
+        times=times,
+        columns={**energies, **observed},
+        cloth=observer.system.cloth,
+        fields={"displacement": end.x - observer.start.x, "velocity": end.v},
+        probes=tuple(observer.probes),
+        energies=energies.keys(),
+    )
 
 
 def count_warnings(doubts: Sequence[Doubt]) -> str:

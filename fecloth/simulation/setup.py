@@ -1,8 +1,8 @@
 """A run before its first step: what moves, from where, by which steps, and what is recorded."""
 
 import math
-from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -11,6 +11,7 @@ import numpy as np
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
+from fecloth.simulation.answer import places_of
 from fecloth.simulation.doubts.before_run import OF_SCENES, find_doubts
 from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.doubts.planned_run import PlannedRun
@@ -20,6 +21,7 @@ from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import march
 from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Observer, Probe
+from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.record_steps import rows_at_least, trial_recorder
 from fecloth.simulation.resolve import method_to_report, resolve
 from fecloth.simulation.run import Result, collect
@@ -56,6 +58,10 @@ class Setup:
         Whether stretches and volume are recorded; see `Observer`.
     memory
         As `march` takes it: with one it does not check the start.
+    interest
+        The quantities for which it runs; None: where the probes are at the end.
+    measured
+        Measured values and their standard uncertainties, by the texts of quantities.
     like
         A setup whose bound probes serve here too, where cloth and probes are the same, and its
         ledger, where system and start are.
@@ -71,6 +77,8 @@ class Setup:
     stops: tuple[float, ...] = ()
     shape: bool = False
     memory: Memory | None = None
+    interest: tuple[Quantity, ...] | None = None
+    measured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     like: "Setup | None" = None
 
     @property
@@ -124,6 +132,13 @@ class Setup:
     def warnings(self) -> list[str]:
         """Return a sentence for each likely mistake in the set-up, with its remedy."""
         return list(in_words(self.doubts()))
+
+    @property
+    def asked(self) -> tuple[Quantity, ...]:
+        """The quantities that a run answers."""
+        if self.interest is None:
+            return places_of(self.probes)
+        return self.interest
 
     @property
     def energies(self) -> list[str]:
@@ -224,6 +239,8 @@ class Setup:
             self.t_end,
             report=report,
             next_row=next_row,
+            interest=self.asked,
+            measured=self.measured,
         )
 
 

@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from fecloth.quantities.digits import with_uncertainty
 from fecloth.study.convergence import Convergence, best_value
 from fecloth.study.figures import label_ends, labelled, line_style, new_figure
 from fecloth.study.overlay import Overlay
-from fecloth.study.result import StudyResult, with_uncertainty
+from fecloth.study.result import StudyResult
 
 # What is refined, and where a value has the given size.
 WHERE = {

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from fecloth.quantities.digits import with_uncertainty
 from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, is_number
 from fecloth.study.convergence import Convergence, judge
 from fecloth.study.levels import REFINED, levels_to_run, other_shares
 from fecloth.study.problem import StudyProblem
-from fecloth.study.result import Table, with_uncertainty
+from fecloth.study.result import Table
 from fecloth.study.run_table import row_of_run, with_values
 from fecloth.study.runs import (
     Runs,

@@ -9,6 +9,7 @@ from typing import Any
 from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file, writing
+from fecloth.quantities.digits import with_uncertainty
 from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.study.figures import Figure
 from fecloth.study.status import OK
@@ -245,31 +246,6 @@ class StudyResult:
         """Return the template with title, words and table."""
         table = self.table._repr_html_()
         return render(template, {"title": self.title, "lines": self.words(), "table": table})
-
-
-def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:
-    """Return a value and its uncertainty, both to the second digit of the uncertainty.
-
-    Numbers from 0.001 to 100,000 are decimals, as "1.23 ± 0.12"; other ones have a power of
-    ten. Without an uncertainty above 0, or for numbers that are not finite, the value has up to
-    eight digits.
-    """
-    size = max(abs(value), uncertainty)
-    if not uncertainty > 0 or not size < float("inf"):
-        text = f"{value:.8g} ± {uncertainty:.2g}"
-    elif 1e-3 <= size < 1e5 and uncertainty > 1e-9 * size:
-        places = max(_places(uncertainty), 0)
-        text = f"{value:.{places}f} ± {uncertainty:.{places}f}"
-    else:
-        digits = max(_places(uncertainty) - _places(size) + 1, 1)
-        digits = min(digits, 15)  # a double has no more
-        text = f"{value:.{digits}e} ± {uncertainty:.1e}"
-    return f"{text} {unit}".strip()
-
-
-def _places(number: float) -> int:
-    """Return the decimal places of the second digit of a number."""
-    return 1 - int(f"{number:.1e}".partition("e")[2])
 
 
 def read_tolerance(value: float | str) -> float:

@@ -30,6 +30,7 @@ def write_report(
     tables: Mapping[str, Table],
     frame: Frame,
     obstacles: Obstacles | None = None,
+    answers: Mapping[str, tuple[str, ...]] | None = None,
 ) -> Path:
     """Write ``folder``/report.html and return its path.
 
@@ -43,6 +44,9 @@ def write_report(
         The columns of the tables of the run, by their names without .csv.
     frame, obstacles
         The last frame of the run, and its obstacles.
+    answers
+        By the name of each quantity: its value with its error in words, and lines below it, of
+        which those that are "" do not show. They are the first tiles.
     """
     unit = summary["unit"]
     # The line below the title: how large the run was.
@@ -61,6 +65,7 @@ def write_report(
         "error": summary["error"],
         "warnings": summary["warnings"],
         "results": [text for key, text in summary.items() if key.endswith("_in_words")],
+        "answers": answers or {},
         "tiles": _tiles(summary, tables["steps"]),
         "charts": draw(_charts(tables, is_static), "part of the loads" if is_static else "t [s]"),
         "seconds": summary["seconds"]["total"],
@@ -90,14 +95,14 @@ def read_table(file: Path) -> dict[str, np.ndarray]:
 
 
 def _tiles(summary: Mapping[str, Any], steps: Table) -> dict[str, object]:
-    """Return the main numbers of a run by their titles; None where the run did not count.
+    """Return the main numbers of a run by their titles, without those that it did not count.
 
-    `steps` is the table of the steps.
+    A count of 0 is left out. `steps` is the table of the steps.
     """
     remainder = f"{summary['ledger']['remainder']:.2g} J"
     if "drift" in steps:  # relative to the energy that has moved
         remainder += f", {100 * abs(steps['drift'][-1]):.2g} %"
-    return {
+    tiles = {
         "simulated": f"{summary['t']:.4g} of {summary['t_end']:.4g}{summary['unit']}",
         "took": f"{summary['seconds']['total']:.3g} s",
         "steps": summary["steps"],
@@ -109,6 +114,7 @@ def _tiles(summary: Mapping[str, Any], steps: Table) -> dict[str, object]:
         "pairs that intersect": summary["intersecting_pairs"],
         "triangles turned over": summary["inverted_triangles"],
     }
+    return {title: value for title, value in tiles.items() if value}
 
 
 def _charts(tables: Mapping[str, Table], is_static: bool) -> Iterator[Chart]:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.cli import describe, main
+from fecloth.cli import main
 from fecloth.errors import InputError, SceneError
 from fecloth.fabric import presets
+from fecloth.scene import plan
 from fecloth.scene.scene import load_scene
 
 WOVEN = ["silk", "cotton", "polyester-tablecloth", "trousers", "canvas"]
@@ -558,7 +559,7 @@ def test_run_summary_states_the_source_of_the_fabric(tmp_path, capsys):
     assert main.main(["info", str(tmp_path / "scene.toml")]) == 0
     assert "fabric: silk, woven. Clyde, Teran and Tamstorf" in capsys.readouterr().out
     regions = {"body": fc.Fabric.preset("cotton"), "hem": fc.Fabric(0.2, 1000.0)}
-    assert [line[:20] for line in describe.sources(regions)] == ["body: cotton, woven."]
+    assert [line[:20] for line in plan.sources(regions)] == ["body: cotton, woven."]
 
 
 def test_examples_of_the_fabric_page_are_valid(tmp_path):

@@ -41,7 +41,7 @@ def run(scene, name, *overrides):
     """The summary and the rows of strains.csv of a run of the command line."""
     out = scene.parent / name
     given = [word for one in overrides for word in ("--set", one)]
-    assert main(["run", str(scene), "-o", str(out), "--overwrite", *given]) == 0
+    assert main(["run", str(scene), "-o", str(out), "--overwrite", "-v", *given]) == 0
     with (out / "strains.csv").open() as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     return json.loads((out / "summary.json").read_text()), rows

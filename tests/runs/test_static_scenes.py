@@ -61,7 +61,7 @@ def dense_least(system, state):
 
 
 def test_a_run_leaves_the_files_of_its_load_steps(scene, tmp_path, capsys):
-    assert main(["run", str(scene), "-o", "out"]) == 0
+    assert main(["run", str(scene), "-o", "out", "-v"]) == 0
     out, problem = tmp_path / "out", load_scene(scene).build()
     observed, energies = rows(out / "observed.csv"), rows(out / "energies.csv")
     assert [row["t"] for row in observed] == pytest.approx([0, 0.25, 0.5, 0.75, 1])

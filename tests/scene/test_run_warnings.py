@@ -249,17 +249,21 @@ def test_plan_states_the_nodes_of_each_pin(pins, scene):
 
 def test_the_plan_is_printed_before_the_first_step(scene, tmp_path, capsys):
     arguments = ["run", str(scene), "-o", str(tmp_path / "out"), "--set", "terms.1.type=StVK"]
-    assert main(arguments) == 0
+    assert main([*arguments, "-v"]) == 0
     told = capsys.readouterr().err
-    for words in (
-        "431 nodes",
-        "terms: StVK.1, StVK.2, Gravity",
-        "pins: left (11 nodes)",
-        "fastest wave in the fabric 74.1",
-    ):
+    log = (tmp_path / "out" / "run.log").read_text()
+    plan_words = ("431 nodes", "terms: StVK.1, StVK.2, Gravity", "pins: left (11 nodes)")
+    limit = "fastest wave in the fabric 74.1"
+    warning = "warning: StVK stands 2 times"
+    for words in (*plan_words, limit, warning):
         assert words in told
-    assert "warning: StVK stands 2 times" in told
-    assert "warning: StVK stands 2 times" in (tmp_path / "out" / "run.log").read_text()
+        assert words in log
+    assert main([*arguments, "--overwrite"]) == 0
+    told = capsys.readouterr().err
+    assert (tmp_path / "out" / "run.log").read_text().count("431 nodes") == 1
+    assert limit in told
+    assert warning in told
+    assert not any(words in told for words in plan_words)
     assert main(["info", str(scene)]) == 0
     assert "MB, with a factor" in capsys.readouterr().out
 

@@ -11,7 +11,7 @@ from support.rundirs import rows_of, written
 
 import fecloth as fc
 from fecloth.runs import restart
-from fecloth.runs.outcome import finished_message
+from fecloth.runs.outcome import list_details
 from fecloth.simulation import run as runs
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.energy_ledger import Ledger
@@ -91,7 +91,9 @@ def test_it_is_in_all_files_of_a_run(scene, tmp_path):
     log = (tmp_path / "out/run.log").read_text()
     assert f"at most {most:.3g} J\n" in log
     assert log.count("warning: the cloth has") == 1
-    assert f"at most {most:.3g} J\n" in finished_message(outcome)
+    assert any(
+        line.endswith(f"at most {most:.3g} J") for line in list_details(outcome.accounts, summary)
+    )
     assert warned == list(outcome.warnings)
 
 

@@ -13,6 +13,7 @@ from support.scene_texts import STRING
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
+from fecloth.quantities.digits import with_uncertainty
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.simulation.setup import Setup
@@ -21,7 +22,7 @@ from fecloth.study.convergence import Convergence, judge
 from fecloth.study.measured_runs import measure
 from fecloth.study.orders import find_obstacles, is_round, space_order
 from fecloth.study.problem import StudyProblem
-from fecloth.study.result import Table, with_uncertainty
+from fecloth.study.result import Table
 from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
 from studies.references.closed_forms import hanging_strip_tip
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.scene.probe_tables import read_measured
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
-from fecloth.study.budgeting.inputs import Inputs, read_inputs, read_measured
+from fecloth.study.budgeting.inputs import Inputs, read_inputs
 from fecloth.study.budgeting.result import Budget, make_budget
 from fecloth.study.command import StudyFailed
 from fecloth.study.opened import Opened, open_study

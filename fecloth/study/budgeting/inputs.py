@@ -1,7 +1,7 @@
 """The uncertain numbers of a problem, and samples of them."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,8 +10,9 @@ from scipy.linalg import block_diag
 
 from fecloth.errors import InputError, brief, is_number
 from fecloth.fabric.fabric import Fabric
-from fecloth.fabric.uncertainty import PART, Uncertainty, merged
+from fecloth.fabric.uncertainty import Uncertainty, merged, part_of
 from fecloth.quantities.units import is_quantity
+from fecloth.scene.toml_text import flatten_tables
 from fecloth.study.parameters import Parameter, choose_parameters
 from fecloth.study.problem import StudyProblem
 
@@ -92,7 +93,7 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
         For a key that is no number of the problem, a wrong uncertainty, or a wrong number of
         disturbed starts.
     """
-    uncertainties = dict(_flatten("", uncertain))
+    uncertainties = dict(flatten_tables(uncertain))
     starts = uncertainties.pop("start", 0)
     if not (type(starts) is int and 0 <= starts <= MOST_STARTS and starts != 1):
         allowed = f"must be a number of disturbed starts from 2 to {MOST_STARTS}, or 0"
@@ -137,57 +138,18 @@ def _read_fabric(fabric: Fabric, replaced: Mapping[str, Any]) -> tuple[list[str]
     return constants, uncertainty.covariance(fabric, constants)
 
 
-def _flatten(name: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """The entries of nested tables by their keys with dots; `name` is the key of the table."""
-    for key, value in table.items():
-        full_key = f"{name}.{key}" if name else str(key)
-        if isinstance(value, Mapping):
-            yield from _flatten(full_key, value)
-        else:
-            yield full_key, value
-
-
-def _read_deviation(
-    problem: StudyProblem | None, key: str, uncertainty: Any, value: float
-) -> float:
+def _read_deviation(problem: StudyProblem, key: str, uncertainty: Any, value: float) -> float:
     """Return the standard uncertainty of the number `key`, in the SI unit of the number.
 
     `uncertainty` is a number in SI; a text in per cent of the `value` of the number, as "10 %";
     or, for a scene, a text with a unit, as "2 mm". Raise `InputError` for anything else, a
     number below 0, and a part of the value 0.
     """
-    number = uncertainty
-    is_text = isinstance(uncertainty, str)
-    if is_text and (part := PART.fullmatch(uncertainty.strip())):
-        if not value:
-            remedy = "Give the uncertainty as a number."
-            raise InputError(f'{key} = "{uncertainty}"', "is a part of 0", WHERE, remedy)
-        number = float(part[1]) / 100 * abs(value)
-    elif is_text and problem and is_quantity(uncertainty):
+    number = part_of(value, uncertainty, key, WHERE)
+    if isinstance(number, str) and is_quantity(number):
         # a scene knows the dimension of the key, and reads the text as a value of it
         number = dict(problem.at({key: uncertainty}).source.numbers()).get(key)
     if not (is_number(number) and number >= 0):
         allowed = 'must be a standard uncertainty >= 0 in the unit of the number, or as "10 %"'
         raise InputError(f"{key} = {brief(uncertainty)}", allowed, WHERE)
     return float(number)
-
-
-def read_measured(table: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Return the measured values and their standard uncertainties, both in SI, by quantity.
-
-    Each entry of the table is a pair: the value, and its uncertainty as a number or as "2 %" of
-    the value. Raise `InputError` for anything else, and for an uncertainty of 0.
-    """
-    measured = {}
-    for name, pair in _flatten("", table):  # TOML nests the key tip.x without quotation marks
-        u = 0.0
-        if isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0]):
-            u = _read_deviation(None, f"measured {name}", pair[1], float(pair[0]))
-        if not u:
-            allowed = (
-                'must be a value and its standard uncertainty > 0, as [0.036, 0.0005 or "2 %"]'
-            )
-            raise InputError(f"measured {name} = {brief(pair)}", allowed, WHERE)
-        text = " ".join(name.split())  # as the text of a quantity: single spaces
-        measured[text] = (float(pair[0]), u)
-    return measured

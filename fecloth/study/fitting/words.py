@@ -6,10 +6,11 @@ import numpy as np
 
 from fecloth.errors import amount
 from fecloth.fabric.uncertainty import CONSTANTS
+from fecloth.quantities.digits import with_uncertainty
 from fecloth.study.fitting.evaluation import Column, Evaluation, Fitting
 from fecloth.study.fitting.measured import ASSUMED_SIGMA
 from fecloth.study.fitting.statistics import Statistics
-from fecloth.study.result import in_percent, with_uncertainty
+from fecloth.study.result import in_percent
 
 PARTS_OF_CURVE = 3  # begin, middle and end, for where the law fails
 WORST_PARTS = 4  # parts of curves that are named, where the law fails

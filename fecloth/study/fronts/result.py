@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fecloth import errors
+from fecloth.quantities.digits import with_uncertainty
 from fecloth.study.convergence import Convergence
 from fecloth.study.figures import Figure
 from fecloth.study.fronts.drawing import draw_front
@@ -15,7 +16,6 @@ from fecloth.study.result import (
     Table,
     in_percent,
     read_tolerance,
-    with_uncertainty,
 )
 from fecloth.study.status import OK
 
