@@ -16,6 +16,7 @@ from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Motion, Pin
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.loads.edge_force import KnownEdges
 from fecloth.terms.springs.springs import KnownSprings
 
 # Part of the work of a step that only the first process has: vectors, sums and calls. Measured.
@@ -251,7 +252,19 @@ def cut_pins(part: Part, groups: Mapping[str, tuple[Pin, np.ndarray]]) -> list:
     return pins_of_part
 
 
-def cut_springs(part: Part, springs: KnownSprings) -> KnownSprings:
+def cut_term(part: Part, term: Any) -> Any:
+    """The term on the part: what names springs or edges gets those of the part.
+
+    Other terms follow from the part's triangles.
+    """
+    if isinstance(term, KnownSprings):
+        return _cut_springs(part, term)
+    if isinstance(term, KnownEdges):
+        return term.cut(part.cells)
+    return term
+
+
+def _cut_springs(part: Part, springs: KnownSprings) -> KnownSprings:
     """The springs between two nodes of the part."""
     local = np.full(int(max(part.nodes.max(), springs.nodes.max())) + 1, -1, np.int32)
     local[part.nodes] = np.arange(len(part.nodes), dtype=np.int32)

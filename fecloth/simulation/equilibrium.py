@@ -122,7 +122,7 @@ def equilibrium(
         None: the loads act at once, as at the time of `state`, and pins hold their nodes where
         `state` has them, slides their held directions: a start for a run. A number n, as in
         `[equilibrium]` of a scene: the forces of the loads, which are `Gravity`, `Pressure`,
-        `Gas`, `Wind`, `PointForce`, `UserForce` and every term that says `load = True`, are
+        `Gas`, `Wind`, `EdgeForce`, `PointForce`, `UserForce` and every term that says `load = True`, are
         multiplied by λ = 1/n, 2/n, …, 1, each solved from where the line through the last two
         solutions leads. λ is also the time t at which motions of pins and obstacles are
         evaluated, so that a specimen is drawn from t = 0 to 1, with n = 1 at once. Where that

@@ -70,6 +70,19 @@ CASES = {
         [fc.StVK(), fc.PlateBending(), fc.Pressure(4.0), fc.MassDamping(1.0)],
         [LIFT],
     ),
+    **{
+        f"edges of {element}": (
+            element,
+            FABRIC,
+            [
+                fc.EdgeForce("right", normal=3.0, tangent="2*t"),
+                fc.EdgeForce("right", normal=3.0, tangent="2*t", follow=True),
+                fc.EdgeForce(lambda X: X[:, 1] > 0.2, (1, "t", 2.0), follow=True),
+            ],
+            ["left"],
+        )
+        for element in ("P1", "P2")
+    },
     "P2 damping": (
         *("P2", FABRIC),
         [fc.StVK(strain="pointwise"), fc.StrainRateDamping(0.01), fc.BendingDamping(0.1)],

@@ -160,6 +160,12 @@ WRITTEN = {  # a term in a scene, and in Python
     "type='PointForce', where=[0.5, 0.25], force=[0, 0, 1]": (
         fc.PointForce((0.5, 0.25), (0.0, 0.0, 1.0))
     ),
+    "type='EdgeForce', where='right', force=['5 N/m', 't', 0], follow=true": (
+        fc.EdgeForce("right", (5.0, "t", 0.0), follow=True)
+    ),
+    "type='EdgeForce', where='top', normal='30 * t', tangent='2 N/m'": (
+        fc.EdgeForce("top", normal="30 * t", tangent=2.0)
+    ),
     "type='UserForce', force=['-x', 0, '-3 * vz'], per='mass'": (
         fc.UserForce(("-x", 0.0, "-3 * vz"), per="mass")
     ),
