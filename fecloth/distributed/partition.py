@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -232,6 +233,11 @@ class PartSystem(System):
     def counted(self) -> Callable[[np.ndarray], np.ndarray]:
         return self.part.counted
 
+    @cached_property
+    def constraints(self) -> Constraints:
+        """The pins on the part, which agree where they meet: the whole cloth was checked."""
+        return Constraints.bind(self.pins, self.cloth, check=False)
+
 
 def cut_pins(part: Part, groups: Mapping[str, tuple[Pin, np.ndarray]]) -> list:
     """(pin, nodes) of each pin that holds nodes of the part; the nodes as numbers of the part.
@@ -275,7 +281,7 @@ def _cut_springs(part: Part, springs: KnownSprings) -> KnownSprings:
 
 def _pin_of(pin: Pin, nodes: np.ndarray, cloth: Cloth, start: State) -> Pin:
     """The pin on nodes of the part; a clamp is left out where no edge of it is in the part."""
-    pin = replace(pin, where=nodes, name=pin.name or "pin")
+    pin = replace(pin, where=nodes, without=None, name=pin.name or "pin")
     if pin.clamp:
         try:
             find_clamps(Constraints.bind([pin], cloth), cloth, start)

@@ -166,7 +166,7 @@ def _make_pin(
     """
     key = "inside" if table.where is None else "where"
     with errors_of_key(f"pins.{number}.{key}"):
-        X = cloth.X[cloth.nodes(table.pin.where)]
+        X = cloth.X[table.pin.nodes(cloth)]
     pin = table.pin.at(X)
     if isinstance(pin.motion, Motion):
         start = time.t_start

@@ -145,6 +145,8 @@ class PinTable(Table):
     """Hold also the normal of the cloth along the edges of the boundary that the pin covers."""
     rotate: RotationTable | None = None
     """Turn the nodes, and the normals of a clamp: a table, see below."""
+    without: str | None = None
+    """A node set of the mesh whose nodes the pin leaves out."""
 
     _pin: Pin = PrivateAttr()
 
@@ -186,6 +188,7 @@ class PinTable(Table):
             "name": self.name,
             "clamp": self.clamp,
             "rotate": self.rotate.make() if self.rotate else None,
+            "without": self.without,
         }
         if self.direction or self.normal:
             return Slide(where, direction=self.direction, normal=self.normal, **common)

@@ -54,10 +54,16 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
 
 
 def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the sum (3,) of the residual (n, 3) that each pin group holds; changes `residual`."""
+    """Return the sum (3,) of the residual (n, 3) that each pin group holds; changes `residual`.
+
+    Of a node that several pins hold each has an equal part.
+    """
     constraints = system.constraints
     residual[constraints.nodes] = constraints.held_part(residual)
-    return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
+    return {
+        name: (constraints.shares[name] * residual[nodes]).sum(axis=0)
+        for name, (_, nodes) in constraints.groups.items()
+    }
 
 
 def contact_rows(system: System, acting: System | None, state: State) -> dict[str, float]:

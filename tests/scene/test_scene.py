@@ -455,10 +455,10 @@ def test_method_and_step_are_chosen_where_both_are_left_out(file):
 
 def test_remedy_for_a_node_of_two_slides_works(file):
     given = "pins=[{where='left', normal=[1, 0, 0]}, {where='bottom', normal=[0, 1, 0]}%s]"
-    line = "at (0, 0) m, slide by a third Slide with direction = [0.0, 0.0, 1.0]"
+    line = "let it slide by a third Slide with direction = [0.0, 0.0, 1.0]"
     assert line in refusal(file, given % "")
-    remedy = given.replace("where='left'", "inside='X < 1e-9 and Y > 1e-9'")
-    remedy = remedy.replace("where='bottom'", "inside='Y < 1e-9 and X > 1e-9'")
+    remedy = given.replace("where='left'", "where='left', without='bottom'")
+    remedy = remedy.replace("where='bottom'", "where='bottom', without='left'")
     third = ", {inside='X < 1e-9 and Y < 1e-9', direction=[0.0, 0.0, 1.0]}"
     system = load_scene(file, [remedy % third]).build().system
     corner = np.flatnonzero((system.cloth.X == 0).all(axis=1))
