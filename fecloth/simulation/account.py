@@ -46,6 +46,13 @@ class Run:
     most_growth: float
     t_end: float
 
+    def at(self, t: float) -> "Run":
+        """The run with the pins that hold from the time t [s] on."""
+        system = self.system.after(t)
+        if system is self.system:
+            return self
+        return replace(self, system=system)
+
     @cached_property
     def surface(self) -> Surface:
         """The triangles of the cloth, whose intersections are counted."""

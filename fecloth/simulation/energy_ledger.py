@@ -11,7 +11,7 @@ from fecloth.linalg.reductions import dot
 from fecloth.simulation.account import Account, Accounts, Run
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.records import remembered
 
 NO_POWER = 1e-12  # W; round-off of an inner damping at 1 m/s
@@ -112,6 +112,17 @@ class Ledger(Account):
         flows = flows or self._flows(system, method, old, step)
         after = self.with_flows(flows)
         return after.changed(t=step.state.t, kinetic=kinetic, potential=energies)
+
+    def released(self, system: System, state: State, history: History | None) -> "Ledger":
+        """Return the ledger where pins let go, at a state with the records of the terms.
+
+        `system` is the system after it. What a clamp that lets go takes with it counts as work
+        of the pins: the energy of the bending along its edge.
+        """
+        energies = system.with_history(history).energies(state)
+        change = sum(energies.values()) - self.total
+        kinetic = energies.pop("kinetic")
+        return self.changed(kinetic=kinetic, potential=energies, pins=self.pins + change)
 
     def _flows(self, system: System, method, old: State, step) -> Flows:
         """Return what a step dissipates and what loads and pins do in it."""

@@ -83,10 +83,9 @@ class Constraints:
     def bind(cls, pins, cloth: Cloth, check: bool = True) -> Self:
         """Find the nodes of the pins, each a `Pin` or the name of a node set, on a cloth.
 
-        Several pins may hold a node. Without `check` it is taken for granted that they agree
-        there: the first one moves it. Raises `InputError` for a node that two pins hold that do not agree there, for a pin that
-        names no node, and for a user's motion that fails at t = 0 or has another number of rows
-        than the pin has nodes.
+        Several pins may hold a node if they agree there, which `check` asks; the first one moves
+        it. Raises `InputError` for pins that do not agree, for a pin that names no node, and for
+        a user's motion that fails at t = 0 or has another number of rows than the pin has nodes.
         """
         groups: dict[str, tuple[Pin, np.ndarray]] = {}
         for number, pin in enumerate(pins):

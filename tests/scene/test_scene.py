@@ -416,7 +416,13 @@ MISTAKES = [
     ("terms.1={type='HingeBending'}", "(It is the second [[terms]], HingeBending, line 15.)", ""),
     ("cloth={file='x.msh'}", "cloth.shape is missing", 'path = "sheet.msh"'),
     ("cloth={shape='file', file='x.msh'}", "cloth.file = 'x.msh': unknown", 'path = "sheet.msh"'),
-    ("pins.1.inside='X > -1'", "pins: node 0 is held by more than one pin", ""),
+    (
+        "pins.1.inside='X > -1'",
+        "pins: pins 'left' and 'corner' both hold node 0 at (",
+        'without = "left" in the pin \'corner\'.',
+    ),
+    ("pins.0.without='rigt'", "pins.0.where: node set 'rigt'", "mean 'right'?"),
+    ("pins.0.until=0", "pins.0.until: until = 0: must be after the start", "Leave the pin out"),
     ("start.velocity=['1/X', '0', '0']", "start.velocity: formula '1/X' is inf at X = 0", ""),
     # files
     ("start.frame='nope.vtu'", "start.frame = 'nope.vtu': ", "no such file"),

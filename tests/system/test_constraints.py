@@ -68,8 +68,12 @@ def test_rows_of_a_motion_are_of_the_nodes_that_are_left(small):
     constraints = Constraints.bind([fc.Pin("left", rows, without="bottom"), "bottom"], small)
     x, _ = constraints.target(0.0, 1.0, np.zeros((len(small.X), 3)))
     assert x[left, 2].tolist() == list(range(len(left)))
+
+    def alike(t):  # a row for each node, also where all are the same
+        return np.zeros((len(left) + 1, 3))
+
     with pytest.raises(fc.InputError, match="both hold node"):
-        Constraints.bind([fc.Pin("left", rows), "bottom"], small)
+        Constraints.bind([fc.Pin("left", alike), fc.Pin("left", alike)], small)
 
 
 def test_reactions_of_pins_that_meet_hold_the_whole_load(small, isotropic):

@@ -174,9 +174,7 @@ class KnownEdges:
         rule = panel.cloth.kind.edge_rule
         if self.follow:
             loop = SharedLoop.over_elements(panel, nodes, slots)
-            return FollowingEdgeForce(
-                per_length=self.per_length, loop=loop, rule=rule, panel=panel
-            )
+            return FollowingEdgeForce(per_length=self.per_length, loop=loop, rule=rule, panel=panel)
         amounts = self._dead_shares(panel, nodes, rule)
         loaded, place = np.unique(nodes, return_inverse=True)
         shares = np.zeros((len(loaded), *amounts.shape[2:]))

@@ -32,10 +32,11 @@ def test_a_uniform_stress_is_balanced_on_any_mesh(pattern, element, orthotropic)
     x = affine(cloth, F)
     E = (F.T @ F - np.eye(2)) / 2
     C11, C22, C66, C12, C16, C26 = orthotropic.moduli()
-    S11, S22, S12 = (
-        np.array([[C11, C12, C16], [C12, C22, C26], [C16, C26, C66]])
-        @ [E[0, 0], E[1, 1], 2 * E[0, 1]]
-    )
+    S11, S22, S12 = np.array([[C11, C12, C16], [C12, C22, C26], [C16, C26, C66]]) @ [
+        E[0, 0],
+        E[1, 1],
+        2 * E[0, 1],
+    ]
     P = F @ np.array([[S11, S12], [S12, S22]])
     loads = [fc.EdgeForce(side, tuple(P @ N)) for side, N in SIDES.items()]
     system = fc.System(cloth, orthotropic, [fc.StVK(), *loads])
