@@ -66,7 +66,8 @@ def half_edges(cloth, where: Where) -> tuple[np.ndarray, np.ndarray]:
     )
     on_border = count == 1
     if isinstance(where, str) and where in cloth.edge_sets:
-        is_selected = np.isin(keys, _edge_keys(*cloth.edge_sets[where].T, len(cloth.X)))
+        a, b = cloth.edge_sets[where].T
+        is_selected = np.isin(keys, _edge_keys(a, b, len(cloth.X)))
     else:
         has_both_ends = np.isin(start[first], corners) & np.isin(end[first], corners)
         is_selected = on_border & has_both_ends

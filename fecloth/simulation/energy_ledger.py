@@ -11,7 +11,7 @@ from fecloth.linalg.reductions import dot
 from fecloth.simulation.account import Account, Accounts, Run
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
-from fecloth.system.system import History, System
+from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
 NO_POWER = 1e-12  # W; round-off of an inner damping at 1 m/s
@@ -113,16 +113,27 @@ class Ledger(Account):
         after = self.with_flows(flows)
         return after.changed(t=step.state.t, kinetic=kinetic, potential=energies)
 
-    def released(self, system: System, state: State, history: History | None) -> "Ledger":
-        """Return the ledger where pins let go, at a state with the records of the terms.
+    def release(self, run: Run, info: StepInfo, others: Accounts) -> "Ledger":
+        """Return the ledger where pins let go.
 
-        `system` is the system after it. What a clamp that lets go takes with it counts as work
-        of the pins: the energy of the bending along its edge.
+        What a clamp that lets go takes with it counts as work of the pins: the energy of the
+        bending along its edge.
         """
-        energies = system.with_history(history).energies(state)
+        step = info.result
+        energies = run.system.with_history(step.history).energies(step.state)
         change = sum(energies.values()) - self.total
         kinetic = energies.pop("kinetic")
         return self.changed(kinetic=kinetic, potential=energies, pins=self.pins + change)
+
+    def since(self, earlier: "Ledger") -> "Ledger":
+        """Return the ledger of the time after an earlier one."""
+        return self.changed(
+            opening={"kinetic": earlier.kinetic, **earlier.potential},
+            dissipated={n: lost - earlier.dissipated[n] for n, lost in self.dissipated.items()},
+            work={name: done - earlier.work[name] for name, done in self.work.items()},
+            pins=self.pins - earlier.pins,
+            numerical=self.numerical - earlier.numerical,
+        )
 
     def _flows(self, system: System, method, old: State, step) -> Flows:
         """Return what a step dissipates and what loads and pins do in it."""

@@ -68,8 +68,7 @@ def record_steps(
         accounts = accounts.follow(run, info)
         released = run.at(state.t)
         if released is not run:
-            ledger = accounts[Ledger].released(released.system, state, info.result.history)
-            accounts = accounts.with_record(ledger)
+            accounts = accounts.release(released, info)
         rows = accounts.rows(observer.row(info.old, info.result, run.system))
         wanted = None
         if next_row:

@@ -131,20 +131,18 @@ def test_a_strip_that_a_force_on_its_edge_pulls(follow):
 
 
 def test_a_force_that_follows_a_swinging_edge():
-    def swinging(h, q=5.0):
+    def swinging(h, q=3.0):
         cloth = fc.Cloth.rectangle(0.5, 0.25, h)
-        load = fc.EdgeForce("right", normal=q, tangent="3 * sin(20 * t)", follow=True)
-        terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), load]
+        lift = fc.EdgeForce("right", (0.0, 0.0, f"{q!r} * (1 + sin(20 * t))"), follow=True)
+        pull = fc.EdgeForce("right", normal=4 * q, tangent=q, follow=True)
         fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
-        system = fc.System(cloth, fabric, terms, ["left"])
+        system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending(), lift, pull], ["left"])
         return cloth, system, fc.ImplicitMidpoint(), system.rest()
 
     tip = fc.Probe("tip", "right")
-    answer = fc.sensitivity(
-        swinging, ["q"], ["tip.z", "tip.x"], h=0.125, dt=0.01, t_end=0.1, probes=[tip]
-    )
-    assert (abs(answer.derivative) > 1e-5).all()
-    assert (answer.checked < 1e-4).all()
+    answer = fc.sensitivity(swinging, ["q"], "tip.z", h=0.125, dt=0.01, t_end=0.1, probes=[tip])
+    assert abs(answer.elasticity[0]) > 0.1
+    assert answer.checked < 1e-4
 
 
 def test_a_pair_of_numbers_of_a_scene_has_two_derivatives(scene):

@@ -11,7 +11,7 @@ from fecloth.verify import VerificationFailed, check_term, trial_states
 PATTERNS = ["unstructured", "right", "cross", "equilateral"]
 ELEMENTS = ["P1", "P2"]
 SIDES = {"left": (-1, 0), "right": (1, 0), "bottom": (0, -1), "top": (0, 1)}
-TURN = fc.Rotation((0, 0, 0), (1.0, 2.0, -0.5), 0.7).matrix(0.0)
+TURN = fc.Rotation((0, 0, 0), (1.0, 2.0, -0.5), "t").matrix(0.7)
 
 
 def force_of(term, cloth, fabric, x=None, start=None, t=0.0):
