@@ -167,7 +167,7 @@ def _make_pin(
     key = "inside" if table.where is None else "where"
     with errors_of_key(f"pins.{number}.{key}"):
         X = cloth.X[table.pin.nodes(cloth)]
-    with errors_of_key(f"pins.{number}.until"):
+    with errors_of_key(f"pins.{number}"):
         _check_release(table.until, time)
     pin = table.pin.at(X)
     if isinstance(pin.motion, Motion):

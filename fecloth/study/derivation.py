@@ -20,6 +20,7 @@ from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.run import columns
 from fecloth.simulation.setup import Setup
 from fecloth.study.parameters import Parameter
+from fecloth.system.pins import Pin
 from fecloth.system.state import State
 from fecloth.terms import records
 from fecloth.terms.traits import parameters_of
@@ -321,7 +322,7 @@ def _derive_motion(
     simulation, solver = setup.choose()
     steps = simulation.steps
     method = method_of(steps)
-    if recorded.flows and any(getattr(pin, "clamp", False) for pin in _let_go(setup)):
+    if recorded.flows and _clamp_lets_go(setup, t_end):
         raise NoDerivative("of energies there is none where a clamped pin lets go")
     sizes = list[float]()
 
@@ -371,11 +372,13 @@ def _derive_motion(
     )
 
 
-def _let_go(setup: Setup) -> list:
-    """The pins that let go within the run of a setup."""
-    assert setup.t_end is not None
-    pins = (pin for pin in setup.system.pins if getattr(pin, "until", None) is not None)
-    return [pin for pin in pins if setup.start.t < pin.until < setup.t_end]
+def _clamp_lets_go(setup: Setup, t_end: float) -> bool:
+    """Return whether a clamped pin lets go within the run of a setup, which ends at t_end [s]."""
+    return any(
+        pin.clamp and pin.until is not None and setup.start.t < pin.until < t_end
+        for pin in setup.system.pins
+        if isinstance(pin, Pin)
+    )
 
 
 def _derive_rest(

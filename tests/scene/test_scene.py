@@ -422,7 +422,7 @@ MISTAKES = [
         'without = "left" in the pin \'corner\'.',
     ),
     ("pins.0.without='rigt'", "pins.0.where: node set 'rigt'", "mean 'right'?"),
-    ("pins.0.until=0", "pins.0.until: until = 0: must be after the start", "Leave the pin out"),
+    ("pins.0.until=0", "pins.0.until = 0: must be after the start", "Leave the pin out"),
     ("start.velocity=['1/X', '0', '0']", "start.velocity: formula '1/X' is inf at X = 0", ""),
     # files
     ("start.frame='nope.vtu'", "start.frame = 'nope.vtu': ", "no such file"),

@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 from conftest import rough
+from support.rundirs import written
 
 import fecloth as fc
 from fecloth.errors import InputError
+from fecloth.output.frame_reader import read_vtu
+from fecloth.runs.run_scene import run_scene
+from fecloth.scene.scene import load_scene
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -188,6 +192,51 @@ def test_an_equilibrium_has_the_pins_of_its_time():
     left = system.cloth.nodes("left")
     assert np.array_equal(held.x[left], system.rest().x[left])
     assert (abs(free.x[left, 0] - system.rest().x[left, 0]) > 1e-5).all()
+
+
+SCENE = """
+cloth = { shape = "rectangle", width = 0.4, height = 0.3, h = 0.15 }
+fabric = { areal_density = 0.2, tensile_stiffness = 300.0, bending_rigidity = 1e-5 }
+terms = [{ type = "StVK" }, { type = "PlateBending" }, { type = "Gravity" }]
+pins = [
+  { where = "left", clamp = true, until = "60 ms" },
+  { where = "right", until = "90 ms" },
+  { where = "top", without = "corners", motion = ["0", "0", "0.1 * t"] },
+]
+time = { method = "bdf2", dt = 0.01, t_end = 0.12 }
+output = { every = 0.02, restart_steps = 3 }
+"""
+
+
+@pytest.mark.parametrize("last", [5, 7, 11])  # it goes on from the steps 3, 6 and 9
+def test_a_scene_goes_on_bit_for_bit(last, tmp_path):
+    file = tmp_path / "let_go.toml"
+    file.write_text(SCENE)
+
+    def stop(info):
+        if info.step == last:
+            raise KeyboardInterrupt
+
+    run_scene(load_scene(file), tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        run_scene(load_scene(file), tmp_path / "broken", report=stop)
+    assert run_scene(load_scene(file), tmp_path / "broken", resume=True).status == "done"
+    assert written(tmp_path / "broken") == written(tmp_path / "whole")
+    frames = sorted((tmp_path / "whole" / "frames").iterdir())
+    held = [np.count_nonzero(read_vtu(frame).point_data["held"]) for frame in frames]
+    assert held[0] == held[2] > held[3] == held[4] > held[5]  # at 60 and 90 ms
+
+
+@pytest.mark.parametrize("until", [-1.0, 0.0])
+def test_a_scene_refuses_a_release_before_its_start(until, tmp_path):
+    file = tmp_path / "let_go.toml"
+    file.write_text(SCENE.replace('"60 ms"', str(until)))
+    with pytest.raises(fc.SceneError, match=r"pins.0.until = .* must be after the start"):
+        load_scene(file).build()
+    static = SCENE.replace(SCENE[SCENE.index("time =") :], "equilibrium = { load_steps = 1 }\n")
+    file.write_text(static)
+    with pytest.raises(fc.SceneError, match="needs .time.: an equilibrium has no time"):
+        load_scene(file).build()
 
 
 def test_refused():
