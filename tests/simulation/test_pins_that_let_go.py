@@ -7,7 +7,7 @@ from support.rundirs import written
 
 import fecloth as fc
 from fecloth.errors import InputError
-from fecloth.output.frame_reader import read_vtu
+from fecloth.output.vtu_writer import read_vtu
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
 

@@ -103,6 +103,11 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
         terms(fc.StVK(), fc.EdgeForce("right", (0, 0, 1)), fc.PointForce("corners", (0, 0, 1))),
     ),
     (
+        r"pin 'left' holds to the end of the run, .*, as until = 500 s is not before it",
+        pin("left", until=500.0),
+        pin("left", until=1e-4),
+    ),
+    (
         "Obstacle stands 2 times",
         terms(fc.StVK(), *2 * [fc.Obstacle(fc.shapes.Sphere((0, 0, -1), 0.5))]),
         terms(fc.StVK(), *(fc.Obstacle(fc.shapes.Sphere((x, 0, -1), 0.5)) for x in (0, 1))),
