@@ -183,8 +183,12 @@ class DistributedSystem(System):
 
     @cached_property
     def parts(self) -> list[partition.Part]:
-        """The part of each process; terms that cannot be shared are refused."""
+        """The part of each process; terms and pins that cannot be shared are refused."""
         _refuse_unshared(self.terms)
+        if self.releases:
+            what = f"a pin with until = {self.releases[0]:g} s"
+            remedy = "Run on one process."
+            raise InputError(what, "cannot let go on several processes yet", "mpiexec", remedy)
         rings = max((traits_of(term).reach for term in self.terms), default=TermTraits.reach)
         size = self.link.size
         owner = partition.find_owners(self.cloth, size)

@@ -20,6 +20,7 @@ from fecloth.simulation.fused_march import CHECK_EVERY, Wanted, steps_with_skips
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.resolve import choose_steps, resolve
 from fecloth.simulation.step_failures import explain
+from fecloth.simulation.step_history import StepHistory
 from fecloth.simulation.step_times import targets_after, with_releases
 from fecloth.simulation.steps import Memory, Place, Plan, StepInfo, steps
 from fecloth.system.arguments import check_system
@@ -130,9 +131,7 @@ def _through_releases(
         t = place.state.t
         system = plan.system.after(t)
         if t in plan.system.releases:
-            start = place.memory.start
-            records = place.memory.term_history
-            memory = Memory(place.memory.step, start, None, term_history=records)
+            memory = replace(place.memory, method_memory=None, history=StepHistory())
             place = replace(place, memory=memory)
             plan.solver.drop()
         end = min([*system.releases[:1], plan.t_end])

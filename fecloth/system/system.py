@@ -194,14 +194,7 @@ class System:
 
     @cached_property
     def _released(self) -> "System":
-        """The system after the first of its `releases`.
-
-        Raises `InputError` on several processes.
-        """
-        if not self.is_whole:
-            allowed = "is not offered by several processes"
-            what = f"a pin with until = {self.releases[0]:g} s"
-            raise InputError(what, allowed, "mpiexec", "Run on one.")
+        """The system after the first of its `releases`."""
         left = [
             replace(Pin(pin) if isinstance(pin, str) else pin, name=name)
             for name, pin in zip(self.constraints.groups, self.pins, strict=True)

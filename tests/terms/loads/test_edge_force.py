@@ -138,7 +138,7 @@ def test_tangents_of_what_follows(element):
 
 
 def test_a_wrong_tangent_is_noticed(monkeypatch):
-    from fecloth.terms.loads.edge_force import FollowingEdgeForce
+    from fecloth.terms.loads.bound_edge_force import FollowingEdgeForce
 
     monkeypatch.setattr(FollowingEdgeForce, "add_tangent", lambda *arguments: None)
     with pytest.raises(VerificationFailed, match="x-tangent"):
