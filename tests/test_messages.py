@@ -268,11 +268,17 @@ SYSTEM = [
     (lambda: system(pins=["lft"]), "node set 'lft'.* Did you mean 'left'"),
     (lambda: system(pins=[fc.Pin("lft")]), "node set 'lft'.* Did you mean 'left'"),
     (lambda: system(pins=[fc.Pin(lambda X: X[:, 0] > 9)]), "no node is selected"),
-    (lambda: system(pins=["left", "boundary"]), "held by more than one pin"),
     (
         lambda: system(pins=["left", fc.Slide("bottom", normal=(0, 1, 0))]),
-        r"node \d+ is held by more than one pin",
+        r"pins 'left' and 'bottom' both hold node \d+ at \(0, 0\) m: .* "
+        r"without = \"left\" in the pin 'bottom', or without = \"bottom\" in the pin 'left'",
     ),
+    (
+        lambda: system(pins=["left", fc.Pin("top", ["0", "0", "t"], name="grip")]),
+        "pins 'left' and 'grip' both hold node .* without = \"left\" in the pin 'grip'",
+    ),
+    (lambda: system(pins=[fc.Pin("left", without="boundary")]), "leaves no node"),
+    (lambda: system(pins=[fc.Pin("left", without="tpo")]), "node set 'tpo'.* Did you mean 'top'"),
     (lambda: system(mass="diagonal"), "mass = 'diagonal'"),
     (lambda: system().state(system().rest().x, t=NAN), r"t = nan: must be finite"),
     (lambda: fc.Pin("left", velocity=lambda t: [0.0, 0.0, 0.0]), "velocity without a motion"),

@@ -28,7 +28,17 @@ RIGHT |= {"formula": "z", "name": "tip", "angle": "t", "method": fc.BDF2(), "nod
 RIGHT |= {"value": lambda y: y, "cloth": fc.Cloth.rectangle(1.0, 1.0, 0.5, pattern="right")}
 RIGHT |= {"fabric": fc.Fabric(0.1, 10.0), "terms": [fc.StVK()]}
 # what may be any object until a cloth is there: node sets, functions, the path of a file, words
-CHECKED_LATER = {"where", "point", "path", "derivatives", "name", "gradient", "hessian", "source"}
+CHECKED_LATER = {
+    "where",
+    "without",
+    "point",
+    "path",
+    "derivatives",
+    "name",
+    "gradient",
+    "hessian",
+    "source",
+}
 CHECKED_LATER |= {"gauss_newton", "convex"}
 
 

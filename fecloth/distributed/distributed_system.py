@@ -21,7 +21,6 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import protocol
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.springs.springs import KnownSprings
 from fecloth.terms.traits import TermTraits, parameters_of, traits_of
 
 KINDS = {"auto": "block Jacobi", "pcg": "block Jacobi", "multigrid": "GAMG", "direct": "MUMPS"}
@@ -184,8 +183,12 @@ class DistributedSystem(System):
 
     @cached_property
     def parts(self) -> list[partition.Part]:
-        """The part of each process; terms that cannot be shared are refused."""
+        """The part of each process; terms and pins that cannot be shared are refused."""
         _refuse_unshared(self.terms)
+        if self.releases:
+            what = f"a pin with until = {self.releases[0]:g} s"
+            remedy = "Run on one process."
+            raise InputError(what, "cannot let go on several processes yet", "mpiexec", remedy)
         rings = max((traits_of(term).reach for term in self.terms), default=TermTraits.reach)
         size = self.link.size
         owner = partition.find_owners(self.cloth, size)
@@ -214,18 +217,13 @@ class DistributedSystem(System):
         """
         start = self.rest() if self.start is None else self.start
         pairs = zip(self.terms, self._is_shared, strict=True)
-        shared_terms = [self._with_known_springs(term) for term, is_shared in pairs if is_shared]
+        shared_terms = [self._as_known(term) for term, is_shared in pairs if is_shared]
         descriptions = []
         for part in self.parts:
-            # Springs between nodes are cut here; other terms follow from the part's triangles.
-            own_terms = [
-                partition.cut_springs(part, term) if isinstance(term, KnownSprings) else term
-                for term in shared_terms
-            ]
             description = partition.PartDescription(
                 part=part,
                 fabric=self.fabric,
-                terms=own_terms,
+                terms=[partition.cut_term(part, term) for term in shared_terms],
                 pins=partition.cut_pins(part, self.constraints.groups),
                 mass=self.mass_kind,
                 grain=self.grain,
@@ -234,10 +232,12 @@ class DistributedSystem(System):
             descriptions.append(description)
         return Crew.begin(self.link, descriptions)
 
-    def _with_known_springs(self, term):
-        """The term, or its springs where a part does not know their stiffness."""
+    def _as_known(self, term):
+        """The term, or its springs or edges where a part does not know them."""
         if isinstance(term, named.Springs) and term.kind == "structural":
             return term.springs(self.panel)
+        if isinstance(term, named.EdgeForce):
+            return term.known(self.cloth)
         return term
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Motion, Pin
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.loads.edge_force import KnownEdges
 from fecloth.terms.springs.springs import KnownSprings
 
 # Part of the work of a step that only the first process has: vectors, sums and calls. Measured.
@@ -231,6 +233,11 @@ class PartSystem(System):
     def counted(self) -> Callable[[np.ndarray], np.ndarray]:
         return self.part.counted
 
+    @cached_property
+    def constraints(self) -> Constraints:
+        """The pins on the part, which agree where they meet: the whole cloth was checked."""
+        return Constraints.bind(self.pins, self.cloth, check=False)
+
 
 def cut_pins(part: Part, groups: Mapping[str, tuple[Pin, np.ndarray]]) -> list:
     """(pin, nodes) of each pin that holds nodes of the part; the nodes as numbers of the part.
@@ -251,7 +258,19 @@ def cut_pins(part: Part, groups: Mapping[str, tuple[Pin, np.ndarray]]) -> list:
     return pins_of_part
 
 
-def cut_springs(part: Part, springs: KnownSprings) -> KnownSprings:
+def cut_term(part: Part, term: Any) -> Any:
+    """The term on the part: what names springs or edges gets those of the part.
+
+    Other terms follow from the part's triangles.
+    """
+    if isinstance(term, KnownSprings):
+        return _cut_springs(part, term)
+    if isinstance(term, KnownEdges):
+        return term.cut(part.cells)
+    return term
+
+
+def _cut_springs(part: Part, springs: KnownSprings) -> KnownSprings:
     """The springs between two nodes of the part."""
     local = np.full(int(max(part.nodes.max(), springs.nodes.max())) + 1, -1, np.int32)
     local[part.nodes] = np.arange(len(part.nodes), dtype=np.int32)
@@ -262,7 +281,7 @@ def cut_springs(part: Part, springs: KnownSprings) -> KnownSprings:
 
 def _pin_of(pin: Pin, nodes: np.ndarray, cloth: Cloth, start: State) -> Pin:
     """The pin on nodes of the part; a clamp is left out where no edge of it is in the part."""
-    pin = replace(pin, where=nodes, name=pin.name or "pin")
+    pin = replace(pin, where=nodes, without=None, name=pin.name or "pin")
     if pin.clamp:
         try:
             find_clamps(Constraints.bind([pin], cloth), cloth, start)

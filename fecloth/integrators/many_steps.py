@@ -57,8 +57,13 @@ def many_steps(
     check_system(system, state, "many_steps")
     validation.whole("steps", steps, 1, "many_steps")
     validation.number("dt", dt, 0.0, "many_steps")
+    if system.after(state.t).releases:
+        what = f"a pin with until = {system.releases[-1]:g} s"
+        remedy = "Call it for each of system.replace(pins=...), or use march."
+        raise InputError(what, "must not let go between the steps", "many_steps", remedy)
     number_of_threads(threads, "many_steps")
-    fused, lock = _bound(system, threads)  # the lock: Python threads may call this at once
+    # the lock: Python threads may call this at once
+    fused, lock = _bound(system.after(state.t), threads)
     with lock, np.errstate(over="ignore", invalid="ignore"):
         end = _take_all(fused, state, float(dt), steps)
     if end is None:

@@ -291,6 +291,7 @@ class Cloth:
     # --- nodes, regions and geometry ----------------------------------------------------------
 
     nodes = selection.nodes
+    half_edges = selection.half_edges
     region = selection.region
 
     @property

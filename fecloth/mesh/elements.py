@@ -28,6 +28,29 @@ CENTROID_RULE = (np.array([[1 / 3], [1 / 3]]), np.array([0.5]))
 
 
 @dataclass(frozen=True, eq=False)
+class EdgeRule:
+    """Quadrature along the edge from corner 0 to corner 1 of a triangle, for any function.
+
+    The local coordinate ξ is 0 at corner 0 and 1 at corner 1, and η is 0 on the edge and 1 at
+    corner 2. The nodes are in VTK's order (`oriented_cells`).
+
+    Attributes
+    ----------
+    weights
+        (q,) weights of the points; their sum is 1.
+    values
+        (q, k) shape functions N_a at the points.
+    along, across
+        (q, k) their derivatives by ξ and by η.
+    """
+
+    weights: np.ndarray
+    values: np.ndarray
+    along: np.ndarray
+    across: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Element:
     """A triangular element.
 
@@ -82,6 +105,19 @@ class Element:
         points = self.rule[0]
         slopes = [self.shapes.lbasis(points, a)[1] for a in range(k)]
         return np.stack([s + 0 * points for s in slopes], axis=-1).swapaxes(0, 1)
+
+    @cached_property
+    def edge_rule(self) -> EdgeRule:
+        """Gauss points on an edge: exact to degree 1 on P1, and to degree 5 on P2."""
+        points, weights = np.polynomial.legendre.leggauss(2 * self.degree - 1)
+        xi = (1 + points) / 2
+        places = np.stack([xi, np.zeros_like(xi)])
+        shapes = [self.shapes.lbasis(places, a) for a in range(len(self.reference_mass))]
+        values = np.stack([N + 0 * xi for N, _ in shapes], axis=-1)
+        along, across = (
+            np.stack([slope[i] + 0 * xi for _, slope in shapes], axis=-1) for i in range(2)
+        )
+        return EdgeRule(weights / 2, values, along, across)
 
     def basis(self, mesh: skfem.MeshTri, order: int) -> skfem.CellBasis:
         """Scalar scikit-fem basis whose quadrature is exact to polynomial degree `order`."""

@@ -1,4 +1,4 @@
-"""Selection of nodes and triangles by the name of a set, a predicate, or indices."""
+"""Selection of nodes, edges and triangles by the name of a set, a predicate, or indices."""
 
 from collections.abc import Callable
 
@@ -46,6 +46,43 @@ def nodes(cloth, where: Where) -> np.ndarray:
         raise InputError(what, allowed, "Cloth.nodes")
     _, first_places = np.unique(selected, return_index=True)
     return selected[np.sort(first_places)]  # each index once, in the order of the list
+
+
+def half_edges(cloth, where: Where) -> tuple[np.ndarray, np.ndarray]:
+    """Return the half-edges (e,) of a curve, and which of them (e,) lie on the border.
+
+    Half-edge 3 t + i leads from corner i of triangle t to the next corner, so that the triangle
+    lies on its left. Of an inner edge, with a triangle on either side, it is the lower number.
+
+    The name of an edge set selects its edges; any other `where`, as of `nodes`, selects the
+    edges of the border both of whose ends are selected. Raises `InputError` as `nodes` does, and
+    if no edge is selected.
+    """
+    corners = cloth.nodes(where)
+    start = cloth.triangles.ravel().astype(np.int64)
+    end = np.roll(cloth.triangles, -1, axis=1).ravel().astype(np.int64)
+    keys, first, count = np.unique(
+        _edge_keys(start, end, len(cloth.X)), return_index=True, return_counts=True
+    )
+    on_border = count == 1
+    if isinstance(where, str) and where in cloth.edge_sets:
+        a, b = cloth.edge_sets[where].T
+        is_selected = np.isin(keys, _edge_keys(a, b, len(cloth.X)))
+    else:
+        has_both_ends = np.isin(start[first], corners) & np.isin(end[first], corners)
+        is_selected = on_border & has_both_ends
+    if not is_selected.any():
+        by = "" if callable(where) else f" by {brief(where)}"
+        allowed = "at least one edge of the border needs both ends among the nodes"
+        remedy = "Inside a cloth, name a curve of the mesh file."
+        raise InputError(f"no edge is selected{by}", allowed, "Cloth.half_edges", remedy)
+    return first[is_selected], on_border[is_selected]
+
+
+def _edge_keys(a: np.ndarray, b: np.ndarray, n: int) -> np.ndarray:
+    """(e,) a number for each edge between nodes a and b (e,) of n, in either order."""
+    keys: np.ndarray = np.minimum(a, b) * n + np.maximum(a, b)
+    return keys
 
 
 def region(cloth, where: str | Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

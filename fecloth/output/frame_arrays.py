@@ -16,7 +16,7 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import deformation_gradient, mean_over_triangles, stretches_of
 
-STATIC = ("quality", "region", "reference", "held")  # the same in all frames
+STATIC = ("quality", "region", "reference")  # the same in all frames
 
 
 def fields(system: System, state: State, error_density: bool = False) -> tuple[Arrays, Arrays]:

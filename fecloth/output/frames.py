@@ -123,7 +123,7 @@ class Frames:
             raise InputError(what, f"must be of shape {shape} on this cloth", str(self.path))
         if self.system is None:
             return kinematics(self.cloth, state)
-        return fields(self.system, state)
+        return fields(self.system.after(state.t), state)
 
     def _list(self, suffix: str) -> Path:
         return self.path.with_name(self.path.name + suffix)

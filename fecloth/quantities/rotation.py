@@ -14,13 +14,13 @@ from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
 
 
-@checks_arguments
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:
     """(3, 3) matrix of the rotation about a vector (3,) by its length [rad]."""
     matrix: np.ndarray = transform.Rotation.from_rotvec(vector).as_matrix()
     return matrix
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Rotation:
     """x(t) = p + R(t) R(t₀)ᵀ (x(t₀) − p): nodes turn by an angle about an axis through a point p.

@@ -199,6 +199,7 @@ class Recorder:
                 remedy = "Raise rtol, or lower t_end."
                 raise InputError(f"step {info.step}", allowed, remedy=remedy)
             self.watch.add({"record": record.seconds})
+            self.run = record.run
             with self.watch.phase("output"):
                 self.folder.check_in_place()
                 self._record_step(record)

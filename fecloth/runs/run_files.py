@@ -91,8 +91,9 @@ class RunFiles:
         """Return the frame of a state, with what terms remember."""
         problem = self.problem
         history = memory.term_history if memory else None
-        history = history or problem.system.start_history(state)
-        system = problem.system.with_history(history)
+        system = problem.system.after(state.t)
+        history = history or system.start_history(state)
+        system = system.with_history(history)
         points, cells = fields(system, state, problem.output.error_density)
         return Frame(state.t, state.x, problem.cloth.cells, points, cells)
 

@@ -172,7 +172,9 @@ def _make_pin(
     """
     key = "inside" if table.where is None else "where"
     with errors_of_key(f"pins.{number}.{key}"):
-        X = cloth.X[cloth.nodes(table.pin.where)]
+        X = cloth.X[table.pin.nodes(cloth)]
+    with errors_of_key(f"pins.{number}"):
+        _check_release(table.until, time)
     pin = table.pin.at(X)
     if isinstance(pin.motion, Motion):
         start = time.t_start
@@ -185,6 +187,17 @@ def _make_pin(
         with errors_of_key(f"pins.{number}.motion"):
             pin.motion.check(times)
     return pin
+
+
+def _check_release(until: float | None, time: AnyTime) -> None:
+    """Raise `InputError` for a time of release in a static scene, or not after the start."""
+    if until is None:
+        return
+    if isinstance(time, EquilibriumTable):
+        raise InputError(f"until = {until:g}", "needs [time]: an equilibrium has no time")
+    if until <= time.t_start:
+        allowed = f"must be after the start, at {time.t_start:g} s"
+        raise InputError(f"until = {until:g}", allowed, remedy="Leave the pin out.")
 
 
 def _make_start(scene: Any, cloth: Cloth, errors_of_key: ErrorsOfKey) -> State:

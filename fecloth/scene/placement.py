@@ -12,7 +12,7 @@ from fecloth.errors import InputError
 from fecloth.quantities import rotation
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.rotation import rotation_matrix
-from fecloth.quantities.units import LENGTH
+from fecloth.quantities.units import LENGTH, TIME
 from fecloth.scene.field_types import File, Name, OfPlace, OfTime, OfTimeAndPlace, Vector, Where
 from fecloth.scene.table_model import Table, require_exactly_one, table_of
 from fecloth.system.pins import Pin, Slide
@@ -145,6 +145,10 @@ class PinTable(Table):
     """Hold also the normal of the cloth along the edges of the boundary that the pin covers."""
     rotate: RotationTable | None = None
     """Turn the nodes, and the normals of a clamp: a table, see below."""
+    without: str | None = None
+    """A node set of the mesh whose nodes the pin leaves out."""
+    until: Annotated[float | None, TIME] = None
+    """The time at which the pin lets go [s]. Left out: it holds for ever."""
 
     _pin: Pin = PrivateAttr()
 
@@ -186,6 +190,8 @@ class PinTable(Table):
             "name": self.name,
             "clamp": self.clamp,
             "rotate": self.rotate.make() if self.rotate else None,
+            "without": self.without,
+            "until": self.until,
         }
         if self.direction or self.normal:
             return Slide(where, direction=self.direction, normal=self.normal, **common)

@@ -46,6 +46,13 @@ class Run:
     most_growth: float
     t_end: float
 
+    def at(self, t: float) -> "Run":
+        """The run with the pins that hold from the time t [s] on."""
+        system = self.system.after(t)
+        if system is self.system:
+            return self
+        return replace(self, system=system)
+
     @cached_property
     def surface(self) -> Surface:
         """The triangles of the cloth, whose intersections are counted."""
@@ -111,6 +118,13 @@ class Account:
         """
         return self
 
+    def release(self, run: Run, info: StepInfo, others: "Accounts") -> Self:
+        """Return the record where pins let go at the end of a step, after `follow`.
+
+        `run` has the pins that are left, and `others` are those before it in the list.
+        """
+        return self
+
     def finish(self, run: Run, end: End, others: "Accounts") -> Self:
         """Return the record with what only the end of the run tells."""
         return self
@@ -157,6 +171,10 @@ class Accounts:
     def follow(self, run: Run, info: StepInfo) -> "Accounts":
         """Return the accounts after a step that has a row."""
         return self._replace_each(lambda record, others: record.follow(run, info, others))
+
+    def release(self, run: Run, info: StepInfo) -> "Accounts":
+        """Return the accounts where pins let go at the end of a step."""
+        return self._replace_each(lambda record, others: record.release(run, info, others))
 
     def finish(self, run: Run, end: End) -> "Accounts":
         """Return the accounts at the end of the run."""

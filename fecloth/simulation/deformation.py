@@ -40,6 +40,11 @@ class Deformation(Account):
         `kinetic` after the first step; None before it.
     inflow, last_inflow
         `find_inflow` now, and before the last step or before the steps without a row.
+    opened
+        The ledger where pins let go last, which is the start of all of these; None: the start of
+        the run.
+    earlier
+        The `energy` before that [J].
     """
 
     name = "deformation"
@@ -50,6 +55,8 @@ class Deformation(Account):
     first: float | None = None
     inflow: float = 0.0
     last_inflow: float = 0.0
+    opened: Ledger | None = None
+    earlier: float = 0.0
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "Deformation":
@@ -68,8 +75,19 @@ class Deformation(Account):
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Deformation":
         return self.after(run.system, info.old, info.result.state, others[Ledger])
 
+    def release(self, run: Run, info: StepInfo, others: Accounts) -> "Deformation":
+        """Return the record where pins let go: other pieces can move, and so it begins anew."""
+        ledger = others[Ledger]
+        state = info.result.state
+        begun = self.open(run.system, state, ledger.since(ledger))
+        return begun.changed(opened=ledger, earlier=self.energy(ledger))
+
+    def _since_opened(self, ledger: Ledger) -> Ledger:
+        return ledger.since(self.opened) if self.opened else ledger
+
     def after(self, system: System, old: State, new: State, ledger: Ledger) -> "Deformation":
         """Return the record after a step between two states, with the ledger after it."""
+        ledger = self._since_opened(ledger)
         pin_v = new.v
         if system.movable_pieces:
             pin_v = (new.x - old.x) / (new.t - old.t)
@@ -94,7 +112,9 @@ class Deformation(Account):
         mean displacement. It is the same for every observer. Energy that loads bring in and
         dampings take off again does not increase it.
         """
-        return max([self.kinetic, *(abs(change) for change in self._changes(ledger))])
+        ledger = self._since_opened(ledger)
+        changes = (abs(change) for change in self._changes(ledger))
+        return max([self.earlier, self.kinetic, *changes])
 
     def _changes(self, ledger: Ledger) -> list[float]:
         """Return the changes of the terms' energies since the start, loads in place [J]."""
@@ -110,6 +130,7 @@ class Deformation(Account):
         """
         if ledger.silent:
             return math.inf
+        ledger = self._since_opened(ledger)
         gains = sum(max(0.0, -change) for change in self._changes(ledger))
         gains += max(0.0, self.inflow)
         exchanged = ledger.lost_outside + sum(map(abs, ledger.work.values()))

@@ -113,6 +113,28 @@ class Ledger(Account):
         after = self.with_flows(flows)
         return after.changed(t=step.state.t, kinetic=kinetic, potential=energies)
 
+    def release(self, run: Run, info: StepInfo, others: Accounts) -> "Ledger":
+        """Return the ledger where pins let go.
+
+        What a clamp that lets go takes with it counts as work of the pins: the energy of the
+        bending along its edge.
+        """
+        step = info.result
+        energies = run.system.with_history(step.history).energies(step.state)
+        change = sum(energies.values()) - self.total
+        kinetic = energies.pop("kinetic")
+        return self.changed(kinetic=kinetic, potential=energies, pins=self.pins + change)
+
+    def since(self, earlier: "Ledger") -> "Ledger":
+        """Return the ledger of the time after an earlier one."""
+        return self.changed(
+            opening={"kinetic": earlier.kinetic, **earlier.potential},
+            dissipated={n: lost - earlier.dissipated[n] for n, lost in self.dissipated.items()},
+            work={name: done - earlier.work[name] for name, done in self.work.items()},
+            pins=self.pins - earlier.pins,
+            numerical=self.numerical - earlier.numerical,
+        )
+
     def _flows(self, system: System, method, old: State, step) -> Flows:
         """Return what a step dissipates and what loads and pins do in it."""
         dt = step.state.t - old.t

@@ -122,9 +122,9 @@ def equilibrium(
         None: the loads act at once, as at the time of `state`, and pins hold their nodes where
         `state` has them, slides their held directions: a start for a run. A number n, as in
         `[equilibrium]` of a scene: the forces of the loads, which are `Gravity`, `Pressure`,
-        `Gas`, `Wind`, `PointForce`, `UserForce` and every term that says `load = True`, are
-        multiplied by λ = 1/n, 2/n, …, 1, each solved from where the line through the last two
-        solutions leads. λ is also the time t at which motions of pins and obstacles are
+        `Gas`, `Wind`, `EdgeForce`, `PointForce`, `UserForce` and every term that says `load =
+        True`, are multiplied by λ = 1/n, 2/n, …, 1, each solved from where the line through the
+        last two solutions leads. λ is also the time t at which motions of pins and obstacles are
         evaluated, so that a specimen is drawn from t = 0 to 1, with n = 1 at once. Where that
         fails the increment of λ is halved, down to 1/64 of the first; after a solution in at
         most 8 iterations it doubles again, up to 1/n. With friction the result depends on this
@@ -180,6 +180,7 @@ def equilibrium(
     """
     _check(system, state, load_steps, tolerance, max_iterations, solver, report)
     validation.one_of("friction", friction, ("laid", "shaken"), "equilibrium")
+    system = system.after(state.t)
     start = State(state.t, state.x.copy(), np.zeros_like(state.x))
     least = max((term.load_steps for term in system.bound), default=1)
     number = max(load_steps or 1, least)

@@ -78,10 +78,11 @@ class Skipped:
 
 def steps_with_skips(
     plan: Plan, place: Place, stops: Sequence[float], wanted: Wanted | None
-) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
+) -> Generator[tuple[State, StepInfo], Wanted | None, tuple[Place, Wanted | None]]:
     """Take steps as `steps` does, and skip those that are not `wanted` where this is possible.
 
     What is wanted next comes by ``send``. Steps that end at a stop, or at the end, are yielded.
+    Return the place at the end, and what is wanted next.
     """
     skipping = Skipping(plan.system, plan.method, plan.most_stretch, plan.targets, stops)
     while place.state.t < plan.t_end:
@@ -93,6 +94,7 @@ def steps_with_skips(
             known = skipped.step
         place, info = take(plan, place, known)
         wanted = yield place.state, replace(info, skipped=skipped)
+    return place, wanted
 
 
 def _after(plan: Plan, place: Place, skipped: Skipped) -> Place:
@@ -151,6 +153,8 @@ class Skipping:
         `state` and `memory` are left by the step of this `number`.
         """
         if wanted is None or wanted.step <= number + 1 or not self.is_open:
+            return None
+        if memory is None:  # the first step of a method makes its memory
             return None
         place = int(np.searchsorted(self.targets, state.t, side="right"))
         if place == len(self.targets):

@@ -5,6 +5,8 @@ from collections.abc import Generator, Sequence
 from dataclasses import replace
 from typing import Annotated
 
+import numpy as np
+
 from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, StepFailed
 from fecloth.integrators import protocol
@@ -18,7 +20,8 @@ from fecloth.simulation.fused_march import CHECK_EVERY, Wanted, steps_with_skips
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.resolve import choose_steps, resolve
 from fecloth.simulation.step_failures import explain
-from fecloth.simulation.step_times import targets_after
+from fecloth.simulation.step_history import StepHistory
+from fecloth.simulation.step_times import targets_after, with_releases
 from fecloth.simulation.steps import Memory, Place, Plan, StepInfo, steps
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
@@ -91,6 +94,7 @@ def march(
         validation.instance("memory", memory, Memory, "info.memory of a step", "march")
     begin = memory or Memory(0, state.t, None)
     chosen = choose_steps(method, dt)
+    stops = with_releases(system, chosen, begin.start, t_end, stops)
     targets = targets_after(chosen.end_times(begin.start, t_end, stops), state.t)
     if memory and isinstance(chosen, Auto):
         raise InputError("memory with Auto()", "needs the method that Auto chose", "march")
@@ -112,13 +116,34 @@ def march(
         check_every=CHECK_EVERY if taker.traits.explicit else 1,
     )
     place = Place(state, replace(begin, term_history=records), checked=state)
-    try:
-        if records:  # a term that keeps a history needs each step
-            yield from steps(plan, place)
-        else:
-            yield from steps_with_skips(plan, place, stops, wanted)
-    except StepFailed as failure:
-        raise explain(failure, system, taker) from failure.__cause__
+    yield from _through_releases(plan, place, stops, wanted)
+
+
+def _through_releases(
+    plan: Plan, place: Place, stops: Sequence[float], wanted: Wanted | None
+) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
+    """Take the steps of a plan, with the pins that hold in each of them.
+
+    Where a pin lets go, the method and the solver begin anew, with the positions, the velocities
+    and the records of the terms.
+    """
+    while place.state.t < plan.t_end:
+        t = place.state.t
+        system = plan.system.after(t)
+        if t in plan.system.releases:
+            memory = replace(place.memory, method_memory=None, history=StepHistory())
+            place = replace(place, memory=memory)
+            plan.solver.drop()
+        end = min([*system.releases[:1], plan.t_end])
+        count = 1 + int(np.searchsorted(plan.targets, end))
+        phase = replace(plan, system=system, targets=plan.targets[:count])
+        try:
+            if place.memory.term_history:  # a term that keeps a history needs each step
+                place = yield from steps(phase, place)
+            else:
+                place, wanted = yield from steps_with_skips(phase, place, stops, wanted)
+        except StepFailed as failure:
+            raise explain(failure, system, plan.method) from failure.__cause__
 
 
 def refuse_arguments(

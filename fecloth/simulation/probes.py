@@ -54,10 +54,16 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
 
 
 def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the sum (3,) of the residual (n, 3) that each pin group holds; changes `residual`."""
+    """Return the sum (3,) of the residual (n, 3) that each pin group holds; changes `residual`.
+
+    Of a node that several pins hold each has an equal part.
+    """
     constraints = system.constraints
     residual[constraints.nodes] = constraints.held_part(residual)
-    return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
+    return {
+        name: (constraints.shares[name] * residual[nodes]).sum(axis=0)
+        for name, (_, nodes) in constraints.groups.items()
+    }
 
 
 def contact_rows(system: System, acting: System | None, state: State) -> dict[str, float]:
@@ -170,15 +176,17 @@ class Observer:
             enclosure = Enclosure.from_triangles(cloth.cells, len(cloth.X))
         return cls(system, start, weights, enclosure, measures)
 
-    def row(self, old: State | None, step) -> dict[str, float]:
+    def row(self, old: State | None, step, system: System | None = None) -> dict[str, float]:
         """Return the columns after a step, with the reactions over it.
 
-        Without a step they are the columns at the start, where reactions are NaN.
+        `system` has taken the step; by default it is that of the start. A pin that has let go has
+        the reaction 0. Without a step they are the columns at the start, where reactions are NaN.
         """
         if old is None or step is None:
             return self._row(self.start, {}, None)
-        acting = step.over or self.system
-        return self._row(step.state, reactions(self.system, old, step), acting)
+        system = system or self.system
+        none = dict.fromkeys(self.system.constraints.groups, np.zeros(3))
+        return self._row(step.state, none | reactions(system, old, step), step.over or system)
 
     def row_at_rest(self, state: State) -> dict[str, float]:
         """Return the row of a state that rests: its pins hold its forces."""

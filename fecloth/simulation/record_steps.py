@@ -26,6 +26,8 @@ class Record:
     ----------
     state, info
         The state after the step, and its figures.
+    run
+        The run, with the system that took the step.
     accounts
         The accounts after the step.
     rows
@@ -38,6 +40,7 @@ class Record:
 
     state: State
     info: StepInfo
+    run: Run
     accounts: Accounts
     rows: dict[str, dict[str, float]]
     wanted: Wanted | None
@@ -61,12 +64,16 @@ def record_steps(
     while taken is not None:
         state, info = taken
         begin = time.perf_counter()
+        run = run.at(info.old.t)
         accounts = accounts.follow(run, info)
-        rows = accounts.rows(observer.row(info.old, info.result))
+        released = run.at(state.t)
+        if released is not run:
+            accounts = accounts.release(released, info)
+        rows = accounts.rows(observer.row(info.old, info.result, run.system))
         wanted = None
         if next_row:
             wanted = _with_due(next_row(info), info, accounts.due)
-        yield Record(state, info, accounts, rows, wanted, time.perf_counter() - begin)
+        yield Record(state, info, run, accounts, rows, wanted, time.perf_counter() - begin)
         taken = _advance(steps, wanted)
 
 

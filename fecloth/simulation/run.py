@@ -39,6 +39,7 @@ from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.rest_stability import RestStability
 from fecloth.simulation.shapes import Shape, Shapes
 from fecloth.simulation.solves import Solves
+from fecloth.simulation.step_times import with_releases
 from fecloth.simulation.steps import Memory, StepInfo
 from fecloth.simulation.time_error import TimeError
 from fecloth.simulation.time_error_words import name_time_error
@@ -254,6 +255,7 @@ def run(
     if memory:
         opening = replace(state, t=memory.start)
     steps = choose_steps(method, dt)
+    stops = with_releases(system, steps, opening.t, t_end, stops)
     ends = steps.end_times(opening.t, t_end, stops)  # refuses wrong times
     end = float(ends[-1])
     records = memory.term_history if memory else system.start_history(state)
@@ -347,6 +349,7 @@ def collect(
     try:
         for record in recording.record_steps(steps, of_run, observer, accounts, next_row):
             state = record.state
+            of_run = record.run
             accounts = record.accounts
             step = record.info.step
             raised += accounts.new_doubts(raised)

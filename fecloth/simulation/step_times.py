@@ -47,6 +47,27 @@ def end_times(t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.
     return np.append(times[1:-1][apart[:-1] & apart[1:]], t_end)
 
 
+def with_releases(
+    system: System,
+    steps: Any,
+    t: float,
+    t_end: float | None,
+    stops: Sequence[float] = (),
+) -> Sequence[float]:
+    """Return the stops, and the times in the run at which pins let go [s].
+
+    Any other stop that differs from such a time by round-off only is left out. `steps` is the
+    choice of the steps of a run from t to `t_end`, as for `march`.
+    """
+    if not system.releases:
+        return stops
+    end = float(steps.end_times(t, t_end, stops)[-1])
+    least = SAME_TIME * (end - t)
+    releases = [time for time in system.releases if t + least < time < end - least]
+    others = [stop for stop in stops if all(abs(stop - time) > least for time in releases)]
+    return sorted([*others, *releases])
+
+
 def step_times(t: float, dt: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
     """Return the end time of every step [s], t + i dt without accumulated round-off.
 

@@ -170,8 +170,10 @@ class Place:
     checked: State
 
 
-def steps(plan: Plan, place: Place) -> Generator[tuple[State, StepInfo], Any, None]:
+def steps(plan: Plan, place: Place) -> Generator[tuple[State, StepInfo], Any, Place]:
     """Take steps to the end of the plan, and yield each new state with its `StepInfo`.
+
+    Return the place at the end.
 
     Raises
     ------
@@ -182,6 +184,7 @@ def steps(plan: Plan, place: Place) -> Generator[tuple[State, StepInfo], Any, No
     while place.state.t < plan.t_end:
         place, info = take(plan, place)
         yield place.state, info
+    return place
 
 
 def take(plan: Plan, place: Place, known: Step | None = None) -> tuple[Place, StepInfo]:

@@ -12,6 +12,7 @@ from fecloth.integrators.derivatives import DerivedStep, StepTangents, derive_st
 from fecloth.integrators.protocol import chooses_method, has_symmetric_matrix, method_of
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.along import Along, Sides
+from fecloth.nonlinear.linearised import NoDerivative
 from fecloth.simulation.derived_loads import DerivedLoads
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.equilibrium import equilibrium
@@ -19,6 +20,7 @@ from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.run import columns
 from fecloth.simulation.setup import Setup
 from fecloth.study.parameters import Parameter
+from fecloth.system.pins import Pin
 from fecloth.system.state import State
 from fecloth.terms import records
 from fecloth.terms.traits import parameters_of
@@ -130,10 +132,15 @@ class Follower:
         size = min(max(wanted_size, LEAST_CHANGE), LARGEST_CHANGE)
         return float(10.0 ** math.floor(math.log10(size) + 1e-9))  # 1e-9 against round-off
 
-    def sides(self, size: float = LARGEST_CHANGE) -> Sides:
-        """Return the systems at p + size and p − size."""
-        larger, smaller = self._setups_at(size)
-        return Sides(larger.system, smaller.system, size)
+    def sides(self, size: float = LARGEST_CHANGE, t: float = -math.inf) -> Sides:
+        """Return the systems at p + size and p − size, with the pins that hold from t [s] on.
+
+        Raises `NoDerivative` for a parameter that changes when a pin lets go.
+        """
+        larger, smaller = (setup.system for setup in self._setups_at(size))
+        if larger.releases != self.base.system.releases:
+            raise NoDerivative(f"{self.parameter.name} changes when a pin lets go")
+        return Sides(larger.after(t), smaller.after(t), size)
 
     def _setups_at(self, size: float) -> list[Setup]:
         """Return the setups at p + size and p − size, which are made once."""
@@ -169,11 +176,13 @@ class Follower:
             The ledger at the begin of the step, and its method; for `recorded.flows` alone.
         """
         dt = step.state.t - old.t
-        sides = self.sides(self.size(self.along, dt))
+        if old.t in self.base.system.releases:  # where a pin lets go the method begins anew
+            self.along = replace(self.along, memory=None)
+        sides = self.sides(self.size(self.along, dt), old.t)
         derived = derive(self.along, sides)
         moved = sides.size * derived.end.longest() / shortest_length(self.base)
         if moved > self.farthest:
-            sides = self.sides(self.size(derived.end, dt))
+            sides = self.sides(self.size(derived.end, dt), old.t)
             derived = derive(self.along, sides)
         if self.recorded.whole or is_last:
             self._record(old, derived, sides, ledger, method)
@@ -197,7 +206,7 @@ class Follower:
             else:  # only energies are among the columns: a ledger that begins here has them
                 at_end = system.with_history(step.history)
                 ledgers.append(Ledger.open(at_end, step.state))
-            rows.append(ledgers[-1].row() | setup.observer.row(old_there, step))
+            rows.append(ledgers[-1].row() | setup.observer.row(old_there, step, system))
         self.flows = records.slope(ledgers[0], ledgers[1], 2 * sides.size)
         self._add_row(rows[0], rows[1], sides.size)
 
@@ -308,23 +317,28 @@ def _derive_motion(
     """
     t_end = setup.t_end
     assert t_end is not None
-    system = setup.system
     # the setup with the steps that are taken, also of `Auto`; `solver` is the pair of the solver
     # of the steps and the reason for it
     simulation, solver = setup.choose()
     steps = simulation.steps
     method = method_of(steps)
-    tangents = None  # explicit steps solve no equation, load steps have their own tangent
-    if not (steps.traits.explicit or isinstance(steps, LoadSteps)):
-        symmetric = has_symmetric_matrix(system, method)
-        tangents = StepTangents(system, symmetric, solver[0], tolerance)
+    if recorded.flows and _clamp_lets_go(setup, t_end):
+        raise NoDerivative("of energies there is none where a clamped pin lets go")
     sizes = list[float]()
 
     def watch(states) -> Iterator:
         """Pass on each state of the run when its step has been derived."""
         ledger = setup.ledger  # at the begin of the step
+        system = setup.system
+        tangents = None  # explicit steps solve no equation, load steps have their own tangent
+        solves = not (steps.traits.explicit or isinstance(steps, LoadSteps))
         for state, info in states:
             sizes.append(info.size)
+            has_let_go = system is not system.after(info.old.t)
+            system = system.after(info.old.t)
+            if solves and (tangents is None or has_let_go):
+                symmetric = has_symmetric_matrix(system, method)
+                tangents = StepTangents(system, symmetric, solver[0], tolerance)
             if isinstance(steps, LoadSteps):
                 derive = DerivedLoads.of(system, info.old, info.result, rest_tolerance).derive
             else:
@@ -355,6 +369,15 @@ def _derive_motion(
         sizes=tuple(sizes),
         method=chosen_method,
         why=why,
+    )
+
+
+def _clamp_lets_go(setup: Setup, t_end: float) -> bool:
+    """Return whether a clamped pin lets go within the run of a setup, which ends at t_end [s]."""
+    return any(
+        pin.clamp and pin.until is not None and setup.start.t < pin.until < t_end
+        for pin in setup.system.pins
+        if isinstance(pin, Pin)
     )
 
 

@@ -93,7 +93,7 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray)
     if any(isinstance(term, PointForce) for term in system.terms):
         remarks.append(
             "a PointForce acts on a point, under which the deflection of a membrane grows like "
-            "log(1/h); spread it over an area"
+            "log(1/h); spread it over an area, or along an edge by EdgeForce"
         )
     least_stretch = ends.get("least_stretch", [1.0])[-1]
     if least_stretch < FOLDED_STRETCH:

@@ -1,6 +1,6 @@
 """The edges at which pins hold the normal of the cloth, and how these pins move them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -21,8 +21,12 @@ def find_clamps(constraints: Constraints, cloth: Cloth, start: State) -> Clamps 
     groups = [group for group in constraints.groups.values() if group[0].clamp]
     if not groups:
         return None
-    clamped = [_ClampedGroup.find(pin, nodes, cloth, start.t) for pin, nodes in groups]
-    half_edges = np.concatenate([group.half_edges for group in clamped])
+    clamped: list[_ClampedGroup] = []
+    half_edges = np.zeros(0, np.int64)
+    for pin, nodes in groups:
+        group = _ClampedGroup.find(pin, nodes, cloth, start.t).leave_out(half_edges)
+        clamped.append(group)
+        half_edges = np.concatenate([half_edges, group.half_edges])
     if not any(group.pin.moves for group in clamped):
         return Clamps(half_edges, start.x)
     ends_of_groups = np.cumsum([len(group.half_edges) for group in clamped])
@@ -80,6 +84,11 @@ class _ClampedGroup:
         order = np.argsort(nodes)  # the pin's motion has a row for each node, in any order
         rows = order[np.searchsorted(nodes[order], ends[half_edges])]
         return cls(pin, half_edges, rows, start)
+
+    def leave_out(self, half_edges: np.ndarray) -> Self:
+        """Return the group without the half-edges that another pin holds already."""
+        is_new = ~np.isin(self.half_edges, half_edges)
+        return replace(self, half_edges=self.half_edges[is_new], ends=self.ends[is_new])
 
     def move(self, points: np.ndarray, t: float) -> np.ndarray:
         """Return where points (c, 3) of the start, one for each edge, are at the time t [m]."""

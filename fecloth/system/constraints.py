@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain, count
+from itertools import chain, combinations, count
 from typing import Self
 
 import numpy as np
@@ -80,10 +80,11 @@ class Constraints:
     projectors: np.ndarray
 
     @classmethod
-    def bind(cls, pins, cloth: Cloth) -> Self:
+    def bind(cls, pins, cloth: Cloth, check: bool = True) -> Self:
         """Find the nodes of the pins, each a `Pin` or the name of a node set, on a cloth.
 
-        Raises `InputError` for a node that two pins hold, for a pin that names no node, and for
+        Several pins may hold a node if they agree there, which `check` asks; the first one moves
+        it. Raises `InputError` for pins that do not agree, for a pin that names no node, and for
         a user's motion that fails at t = 0 or has another number of rows than the pin has nodes.
         """
         groups: dict[str, tuple[Pin, np.ndarray]] = {}
@@ -92,19 +93,15 @@ class Constraints:
                 pin = Pin(pin)
             default = pin.where if isinstance(pin.where, str) else f"pin{number}"
             name = _free_name(pin.name or default, groups)
-            nodes = cloth.nodes(pin.where)
+            nodes = pin.nodes(cloth)
             groups[name] = (pin.at(cloth.X[nodes]), nodes)
             if not isinstance(pin.motion, Motion):  # a user's function: an early error
                 for value in (pin.displacement(0.0), pin.speed(0.0, since=0.0)):
                     pin.check_shape(value, len(nodes))
         held = np.concatenate([nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)])
         nodes, first, times = np.unique(held, return_index=True, return_counts=True)
-        if (times > 1).any():
-            node = int(nodes[times > 1][0])
-            what = f"node {node} is held by more than one pin"
-            allowed = "each node may belong to one pin"
-            remedy = _remedy_for_two_pins(node, groups, cloth)
-            raise InputError(what, allowed, "System(pins=...)", remedy)
+        if check:
+            _refuse_conflicts(groups, nodes[times > 1], cloth)
         projectors = [np.zeros((0, 3, 3))]
         for pin, its_nodes in groups.values():
             projectors.append(np.tile(pin.projector, (len(its_nodes), 1, 1)))
@@ -171,7 +168,27 @@ class Constraints:
 
     @cached_property
     def _moved(self) -> list[_MovedGroup]:
-        return [_MovedGroup(pin, nodes) for pin, nodes in self.groups.values() if pin.moves]
+        """The pins that move, each with the nodes that no pin before it holds."""
+        groups = []
+        taken = np.zeros(0, np.int64)
+        for pin, nodes in self.groups.values():
+            if not pin.moves:
+                continue
+            is_own = ~np.isin(nodes, taken)
+            taken = np.union1d(taken, nodes)
+            if not is_own.all():
+                X = getattr(pin.motion, "X", None)
+                pin = pin if X is None else pin.at(X[is_own])
+            groups.append(_MovedGroup(pin, nodes[is_own]))
+        return groups
+
+    @cached_property
+    def shares(self) -> dict[str, np.ndarray]:
+        """By name, the part (k, 1) of each of its nodes that counts for a pin: 1, or less where
+        several pins hold the node."""
+        held = [nodes for _, nodes in self.groups.values()]
+        times = np.bincount(np.concatenate([np.zeros(0, np.int64), *held]))
+        return {name: 1 / times[nodes][:, None] for name, (_, nodes) in self.groups.items()}
 
     def free(self, n: int) -> np.ndarray:
         """Return the numbers 3 i + c of the free degrees of freedom of a cloth of n nodes.
@@ -215,28 +232,53 @@ class Constraints:
         return sparse.csc_matrix((data, (rows, columns)), shape=shape)
 
 
-def _remedy_for_two_pins(node: int, groups: dict, cloth: Cloth) -> str:
-    """Return the sentence that says how to hold a node as two groups together do.
+def _refuse_conflicts(
+    groups: dict[str, tuple[Pin, np.ndarray]], shared: np.ndarray, cloth: Cloth
+) -> None:
+    """Raise `InputError` for pins that do not agree at one of the `shared` nodes (k,)."""
+    if not len(shared):
+        return
+    meeting = {name: np.intersect1d(nodes, shared) for name, (_, nodes) in groups.items()}
+    meeting = {name: nodes for name, nodes in meeting.items() if len(nodes)}
+    for first, second in combinations(meeting, 2):
+        both = np.intersect1d(meeting[first], meeting[second])
+        if not len(both) or groups[first][0].agrees_with(groups[second][0]):
+            continue
+        X, Y = cloth.X[both[0]]
+        what = f"pins {first!r} and {second!r} both hold node {both[0]} at ({X:.6g}, {Y:.6g}) m"
+        allowed = "pins that meet must hold in the same directions and move alike"
+        pins = {name: groups[name][0] for name in (first, second)}
+        raise InputError(what, allowed, "System(pins=...)", _remedy_for_two_pins(pins))
+
+
+def _remedy_for_two_pins(pins: dict[str, Pin]) -> str:
+    """Return how to leave the node out of one of two pins, or to hold it as both together do.
 
     That is by a slide along the line that both allow, or by a pin if they allow none. If one of
-    the groups alone holds it so, it is enough to leave the node out of the other one.
+    the pins alone holds it so, it is enough to leave the node out of the other one.
     """
-    names = [name for name, (_, nodes) in groups.items() if node in nodes]
-    first, second = (groups[name][0].projector for name in names[:2])
+    names = list(pins)
+    ways = [
+        f'without = "{pin.where}" in the pin {other!r}'
+        for (pin, other) in zip(pins.values(), reversed(names), strict=True)
+        if isinstance(pin.where, str)
+    ]
+    leave_out = "Leave it out of one of them"
+    if ways:
+        leave_out += f": write {', or '.join(ways)}"
+    first, second = (pin.projector for pin in pins.values())
     values, vectors = np.linalg.eigh(first + second)
     allowed_by_both = vectors[:, values > 2 - 1e-9].T  # both projectors keep these directions
     if len(allowed_by_both) == 2 or not (first.any() and second.any()):
-        return "Leave it out of one of the groups."
-    X, Y = cloth.X[node]
-    both = f"Leave it out of both, {names[0]!r} and {names[1]!r}, and"
+        return f"{leave_out}."
+    both = f"{leave_out}; or out of both, and"
     if not len(allowed_by_both):
-        return f"{both} hold it, at ({X:.6g}, {Y:.6g}) m, by a Pin of its own."
+        return f"{both} hold it by a Pin of its own."
     # the line with its largest component 1, and without −0
     line = allowed_by_both[0] / abs(allowed_by_both[0]).max()
     line = [float(c) for c in np.round(line * np.sign(line[abs(line).argmax()]), 9) + 0.0]
     return (
-        f"{both} let it, at ({X:.6g}, {Y:.6g}) m, slide by a third Slide with direction = "
-        f"{line}, the line that both allow."
+        f"{both} let it slide by a third Slide with direction = {line}, the line that both allow."
     )
 
 

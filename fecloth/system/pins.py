@@ -6,17 +6,20 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 
 from fecloth import validation
 from fecloth.errors import FeclothError, InputError, brief, errors_of, flag, is_number
+from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.selection import Where
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.formula import Formula, FormulaVector
 from fecloth.quantities.rotation import Rotation
+from fecloth.quantities.sameness import same
 from fecloth.quantities.time_function import DIFFERENCE_STEP, difference_quotient
+from fecloth.quantities.units import TIME
 
 
 @dataclass(frozen=True)
@@ -150,6 +153,14 @@ class Pin:
         on a hinge. A clamp needs a bending term that can hold a normal: `PlateBending`.
     rotate
         `Rotation` that turns the nodes, and the normals of a clamp.
+    without
+        Nodes that the pin leaves out, as of `where`: ``Pin("left", without="top")``.
+    until
+        Time [s] at which the pin lets go: its nodes go on with the velocity that they have. A
+        step ends there, and the method begins anew, as after a start. None: it holds for ever.
+
+    Pins may meet: a node may belong to several pins that hold it in the same directions and move
+    it alike. Of its reaction each of them has an equal part.
 
     Examples
     --------
@@ -163,10 +174,14 @@ class Pin:
     name: str | None = None
     clamp: bool = False
     rotate: Rotation | None = None
+    without: Where | None = field(default=None, kw_only=True)
+    until: Annotated[float | None, TIME] = field(default=None, kw_only=True)
 
     def __post_init__(self):
         """Make a `Motion` of formulas; raise `InputError` for wrong values."""
         flag("clamp", self.clamp, self._label)
+        if self.until is not None and not is_number(self.until):
+            raise InputError(f"until = {self.until!r}", "must be a finite time [s]", self._label)
         if self.rotate is not None and not isinstance(self.rotate, Rotation):
             allowed = "must be a Rotation(point, axis, angle)"
             raise InputError(f"rotate = {self.rotate!r}", allowed, self._label)
@@ -184,6 +199,33 @@ class Pin:
     @property
     def _label(self) -> str:
         return f"{type(self).__name__}({self.where!r})"
+
+    def nodes(self, cloth: Cloth) -> np.ndarray:
+        """Return the nodes (k,) of a cloth that the pin holds.
+
+        Raises `InputError` for nodes that the cloth does not have, and if none is left.
+        """
+        nodes = cloth.nodes(self.where)
+        if self.without is None:
+            return nodes
+        left = nodes[~np.isin(nodes, cloth.nodes(self.without))]
+        if not len(left):
+            what = f"without = {brief(self.without)} leaves no node"
+            raise InputError(what, "at least one is needed", self._label)
+        return left
+
+    def agrees_with(self, other: "Pin") -> bool:
+        """Return whether both may hold one node: in the same directions, and moved alike.
+
+        Functions that give each node a motion of its own are never alike.
+        """
+        are_alike = (
+            self.motion == other.motion  # the formulas, for whatever nodes
+            and self.velocity == other.velocity
+            and same(self.rotate, other.rotate)
+        )
+        by_row = not isinstance(self.motion, Motion | None) and self.displacement(0.0).ndim == 2
+        return are_alike and not by_row and np.allclose(self.projector, other.projector)
 
     @property
     def moves(self) -> bool:
@@ -297,7 +339,7 @@ class Slide(Pin):
 
     Parameters
     ----------
-    where, motion, velocity, name
+    where, motion, velocity, name, without, until
         As for `Pin`; a motion moves the line or plane, so only its part across these counts.
     clamp, rotate
         Refused: only a `Pin` can hold or turn the normal of the edge.

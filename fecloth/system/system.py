@@ -175,6 +175,34 @@ class System:
         """
         return type(self)(**{**vars(self._arguments), **changes})
 
+    @cached_property
+    def releases(self) -> tuple[float, ...]:
+        """The times at which pins let go, in order [s]."""
+        times = {pin.until for pin in self.pins if isinstance(pin, Pin) and pin.until is not None}
+        return tuple(sorted(times))
+
+    def after(self, t: float) -> "System":
+        """The system from the time t [s] on, without the pins that have let go by then.
+
+        It is the system itself before the first of them, and the same object for all times
+        between two. All that has not changed is shared; pins keep their names.
+        """
+        system: System = self
+        while system.releases and system.releases[0] <= t:
+            system = system._released
+        return system
+
+    @cached_property
+    def _released(self) -> "System":
+        """The system after the first of its `releases`."""
+        left = [
+            replace(Pin(pin) if isinstance(pin, str) else pin, name=name)
+            for name, pin in zip(self.constraints.groups, self.pins, strict=True)
+            if isinstance(pin, str) or pin.until != self.releases[0]
+        ]
+        with reuse.reusing(self):
+            return self.replace(pins=left)
+
     def _take_equal_parts(self, base: "System") -> None:
         """Take from another system all that is the same to the last bit.
 

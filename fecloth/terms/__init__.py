@@ -21,6 +21,7 @@ from fecloth.terms.damping.bending import BendingDamping
 from fecloth.terms.damping.mass import MassDamping
 from fecloth.terms.damping.strain_rate import StrainRateDamping
 from fecloth.terms.loads.drag import Drag
+from fecloth.terms.loads.edge_force import EdgeForce
 from fecloth.terms.loads.gas import Gas
 from fecloth.terms.loads.gravity import Gravity, PointForce
 from fecloth.terms.loads.pressure import Pressure

@@ -70,6 +70,19 @@ CASES = {
         [fc.StVK(), fc.PlateBending(), fc.Pressure(4.0), fc.MassDamping(1.0)],
         [LIFT],
     ),
+    **{
+        f"edges of {element}": (
+            element,
+            FABRIC,
+            [
+                fc.EdgeForce("right", normal=3.0, tangent="2*t"),
+                fc.EdgeForce("right", normal=3.0, tangent="2*t", follow=True),
+                fc.EdgeForce(lambda X: X[:, 1] > 0.2, (1, "t", 2.0), follow=True),
+            ],
+            ["left"],
+        )
+        for element in ("P1", "P2")
+    },
     "P2 damping": (
         *("P2", FABRIC),
         [fc.StVK(strain="pointwise"), fc.StrainRateDamping(0.01), fc.BendingDamping(0.1)],
@@ -250,6 +263,33 @@ def test_what_cannot_be_shared_is_refused_by_name(term):
     cloth = fc.Cloth.rectangle(1.0, 0.8, 0.4, "right")
     with pytest.raises(InputError, match=type(term).__name__):
         DistributedSystem(cloth, EVEN, [fc.StVK(), term], link=LocalLink(2))
+
+
+def test_a_pin_that_lets_go_is_refused_by_name():
+    cloth = fc.Cloth.rectangle(1.0, 0.8, 0.4, "right")
+    pins = [fc.Pin("left", until=0.5)]
+    with pytest.raises(InputError, match="until = 0.5 s: cannot let go on several processes"):
+        DistributedSystem(cloth, EVEN, [fc.StVK()], pins, link=LocalLink(2))
+
+
+def test_pins_that_meet_and_leave_nodes_out():
+    cloth = fc.Cloth.rectangle(1.0, 0.8, 0.1)
+    lift = ("0", "0", "t")
+    pins = [
+        "left",
+        fc.Pin("top", clamp=True),
+        fc.Pin("right", lift, clamp=True, without="top"),
+        fc.Pin("bottom", lift, without="left"),
+    ]
+    arguments = cloth, EVEN, [fc.StVK(), fc.PlateBending()], pins
+    whole, apart = fc.System(*arguments), DistributedSystem(*arguments, link=LocalLink(3))
+    x = whole.rest().x
+    state = whole.state(x + 0.01 * np.sin(9 * x[:, [1, 2, 0]]), t=0.3)
+    close(apart.force(state), whole.force(state))
+    J, own = BlockMatrix.zeros(whole.pattern), BlockMatrix.zeros(apart.pattern)
+    whole.project(whole.assemble(J, state, 0.9, 1.1, 130.0))
+    apart.project(apart.assemble(own, state, 0.9, 1.1, 130.0))
+    assert abs(together(apart, own) - J.to_scipy()).max() <= 1e-11 * np.abs(J.values).max()
 
 
 def test_a_term_with_a_history_that_couples_nodes_is_refused_by_name():

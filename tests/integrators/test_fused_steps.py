@@ -19,8 +19,16 @@ MOVED = [
     fc.Pin("left", ["0", "0.1*sin(50*t + 9*Y)*where(t < 0.35, t, 0.35)", "0.1*X*t"]),
     SLIDES[1],
 ]
-LOADS = [fc.PointForce("right", (1, 2, 3)), fc.UserForce((1, 2, 3.0)), fc.Pressure(30.0)]
+LOADS = [
+    fc.PointForce([3], (1, 2, 3)),
+    fc.UserForce((1, 2, 3.0)),
+    fc.Pressure(30.0),
+    fc.EdgeForce("right", (1, 2, 3)),
+    fc.EdgeForce("top", normal=5.0, follow=True),
+]
 FORMULAS = [
+    fc.EdgeForce("right", normal="3 * t", tangent=1.0),
+    fc.EdgeForce("top", ("t", "sin(90*t)", 3), follow=True),
     fc.PointForce("right", ("t", "sin(90*t)", 3)),
     fc.UserForce(("X*t - 2*z", "-0.3*vy", 1.0)),
     fc.Pressure("300*t*cos(70*t)"),

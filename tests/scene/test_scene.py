@@ -161,6 +161,12 @@ WRITTEN = {  # a term in a scene, and in Python
     "type='PointForce', where=[0.5, 0.25], force=[0, 0, 1]": (
         fc.PointForce((0.5, 0.25), (0.0, 0.0, 1.0))
     ),
+    "type='EdgeForce', where='right', force=['5 N/m', 't', 0], follow=true": (
+        fc.EdgeForce("right", (5.0, "t", 0.0), follow=True)
+    ),
+    "type='EdgeForce', where='top', normal='30 * t', tangent='2 N/m'": (
+        fc.EdgeForce("top", normal="30 * t", tangent=2.0)
+    ),
     "type='UserForce', force=['-x', 0, '-3 * vz'], per='mass'": (
         fc.UserForce(("-x", 0.0, "-3 * vz"), per="mass")
     ),
@@ -411,7 +417,13 @@ MISTAKES = [
     ("terms.1={type='HingeBending'}", "(It is the second [[terms]], HingeBending, line 15.)", ""),
     ("cloth={file='x.msh'}", "cloth.shape is missing", 'path = "sheet.msh"'),
     ("cloth={shape='file', file='x.msh'}", "cloth.file = 'x.msh': unknown", 'path = "sheet.msh"'),
-    ("pins.1.inside='X > -1'", "pins: node 0 is held by more than one pin", ""),
+    (
+        "pins.1.inside='X > -1'",
+        "pins: pins 'left' and 'corner' both hold node 0 at (",
+        'without = "left" in the pin \'corner\'.',
+    ),
+    ("pins.0.without='rigt'", "pins.0.where: node set 'rigt'", "mean 'right'?"),
+    ("pins.0.until=0", "pins.0.until = 0: must be after the start", "Leave the pin out"),
     ("start.velocity=['1/X', '0', '0']", "start.velocity: formula '1/X' is inf at X = 0", ""),
     # files
     ("start.frame='nope.vtu'", "start.frame = 'nope.vtu': ", "no such file"),
@@ -450,10 +462,10 @@ def test_method_and_step_are_chosen_where_both_are_left_out(file):
 
 def test_remedy_for_a_node_of_two_slides_works(file):
     given = "pins=[{where='left', normal=[1, 0, 0]}, {where='bottom', normal=[0, 1, 0]}%s]"
-    line = "at (0, 0) m, slide by a third Slide with direction = [0.0, 0.0, 1.0]"
+    line = "let it slide by a third Slide with direction = [0.0, 0.0, 1.0]"
     assert line in refusal(file, given % "")
-    remedy = given.replace("where='left'", "inside='X < 1e-9 and Y > 1e-9'")
-    remedy = remedy.replace("where='bottom'", "inside='Y < 1e-9 and X > 1e-9'")
+    remedy = given.replace("where='left'", "where='left', without='bottom'")
+    remedy = remedy.replace("where='bottom'", "where='bottom', without='left'")
     third = ", {inside='X < 1e-9 and Y < 1e-9', direction=[0.0, 0.0, 1.0]}"
     system = load_scene(file, [remedy % third]).build().system
     corner = np.flatnonzero((system.cloth.X == 0).all(axis=1))

@@ -51,6 +51,7 @@ TERMS = {
     "Pressure": lambda c: fc.Pressure(500.0),
     "exact Pressure": lambda c: fc.Pressure(500.0, tangent="exact"),
     "Gravity": lambda c: fc.Gravity(),
+    "EdgeForce": lambda c: fc.EdgeForce("boundary", normal=500.0, follow=True),
     "PointForce": lambda c: fc.PointForce([0], (0, 0, 1)),
 }
 NO_BOUND = {"Gas", "Obstacle", "MeshObstacle", "SelfContact"}  # at rest nothing acts

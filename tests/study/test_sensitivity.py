@@ -111,6 +111,40 @@ def test_force_of_a_strip_by_its_closed_form():
     assert answer.checked[0] < 1e-5
 
 
+@pytest.mark.parametrize("follow", [False, True])
+def test_a_strip_that_a_force_on_its_edge_pulls(follow):
+    """q = Y s (s² − 1)/2 with the stretch s, so that ds/dq = 2/(Y (3 s² − 1))."""
+
+    def pulled(h, q=50.0, stiffness=1000.0):
+        cloth = fc.Cloth.rectangle(1.0, 0.5, h)
+        load = fc.EdgeForce("right", normal=q, follow=follow)
+        system = fc.System(cloth, fc.Fabric(0.2, stiffness), [fc.StVK(), load], ["left"])
+        return cloth, system, None, system.rest()
+
+    tip = fc.Probe("tip", "right")
+    answer = fc.sensitivity(pulled, ["q", "stiffness"], "tip.x", h=0.25, probes=[tip])
+    s = max(np.roots([500.0, 0.0, -500.0, -50.0]).real)
+    slope = 2 / (1000 * (3 * s**2 - 1))
+    assert answer.value == pytest.approx(s, rel=1e-7)
+    assert answer.derivative == pytest.approx([slope, -slope * 50 / 1000], rel=1e-5)
+    assert answer.checked < 1e-5
+
+
+def test_a_force_that_follows_a_swinging_edge():
+    def swinging(h, q=3.0):
+        cloth = fc.Cloth.rectangle(0.5, 0.25, h)
+        lift = fc.EdgeForce("right", (0.0, 0.0, f"{q!r} * (1 + sin(20 * t))"), follow=True)
+        pull = fc.EdgeForce("right", normal=4 * q, tangent=q, follow=True)
+        fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
+        system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending(), lift, pull], ["left"])
+        return cloth, system, fc.ImplicitMidpoint(), system.rest()
+
+    tip = fc.Probe("tip", "right")
+    answer = fc.sensitivity(swinging, ["q"], "tip.z", h=0.125, dt=0.01, t_end=0.1, probes=[tip])
+    assert abs(answer.elasticity[0]) > 0.1
+    assert answer.checked < 1e-4
+
+
 def test_a_pair_of_numbers_of_a_scene_has_two_derivatives(scene):
     keys = ["fabric.tensile_stiffness.0", "fabric.tensile_stiffness.1", "terms.1.acceleration.0"]
     answer = fc.sensitivity(str(scene), keys, "tip.x")

@@ -1,11 +1,14 @@
 """Pins bound to a cloth, and the projections for directions of any rank."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import rough
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+from fecloth.simulation.probes import _held_forces
 from fecloth.system.constraints import Constraints, MatrixProjection
 
 
@@ -22,10 +25,77 @@ def test_groups_are_named_after_their_sets(small):
     assert not constraints.projectors.any()
 
 
-def test_a_node_of_two_pins_is_refused(small):
+def test_pins_that_agree_may_meet(small):
+    sides = np.union1d(small.nodes("left"), small.nodes("bottom"))
+    slides = [fc.Slide(side, normal=(0, 0, sign)) for side, sign in (("left", 1), ("bottom", -2))]
+    lifted = [fc.Pin(side, ["0", "0", "t * X"]) for side in ("left", "bottom")]
+    for pins in (["left", "bottom"], slides, lifted):
+        constraints = Constraints.bind(pins, small)
+        assert np.array_equal(constraints.nodes, sides)
+        assert constraints.groups["bottom"][1].tolist() == small.nodes("bottom").tolist()
+    x = np.zeros((len(small.X), 3))
+    end, v = constraints.target(0.5, 0.25, x)  # no node is moved twice
+    expected = np.where(np.isin(np.arange(len(x)), sides), small.X[:, 0], 0.0)
+    np.testing.assert_allclose(end[:, 2], 0.25 * expected, atol=1e-15)
+    np.testing.assert_allclose(v[:, 2], expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        fc.Pin("bottom", ["0", "0", "t"]),
+        fc.Pin("bottom", rotate=fc.Rotation((0, 0, 0), (1, 0, 0), "t")),
+        fc.Slide("bottom", direction=(1, 0, 0)),
+    ],
+)
+def test_pins_that_differ_may_not_meet(other, small):
     corner = np.intersect1d(small.nodes("left"), small.nodes("bottom"))[0]
-    with pytest.raises(fc.InputError, match=f"node {corner} is held by more than one pin"):
-        Constraints.bind(["left", "bottom"], small)
+    message = f"'left' and 'bottom' both hold node {corner} at \\(0, 0\\) m"
+    with pytest.raises(fc.InputError, match=message):
+        Constraints.bind(["left", other], small)
+    apart = Constraints.bind([fc.Pin("left", without="bottom"), other], small)
+    assert np.array_equal(np.sort(apart.groups["bottom"][1]), np.sort(small.nodes("bottom")))
+    assert corner not in apart.groups["left"][1]
+    kept = Constraints.bind(["left", replace(other, without="left")], small)
+    assert corner in kept.groups["left"][1]
+    assert corner not in kept.groups["bottom"][1]
+    assert len(kept.nodes) == len(apart.nodes)
+
+
+def test_rows_of_a_motion_are_of_the_nodes_that_are_left(small):
+    left = np.setdiff1d(small.nodes("left"), small.nodes("bottom"))
+    rows = lambda t: np.outer(np.arange(len(left)), [0.0, 0.0, t])  # noqa: E731
+    constraints = Constraints.bind([fc.Pin("left", rows, without="bottom"), "bottom"], small)
+    x, _ = constraints.target(0.0, 1.0, np.zeros((len(small.X), 3)))
+    assert x[left, 2].tolist() == list(range(len(left)))
+
+    def alike(t):  # a row for each node, also where all are the same
+        return np.zeros((len(left) + 1, 3))
+
+    with pytest.raises(fc.InputError, match="both hold node"):
+        Constraints.bind([fc.Pin("left", alike), fc.Pin("left", alike)], small)
+
+
+def test_reactions_of_pins_that_meet_hold_the_whole_load(small, isotropic):
+    terms = [fc.StVK(), fc.Gravity((1.0, 2.0, 0.0))]
+    system = fc.System(small, isotropic, terms, ["left", "bottom"])
+    alone = system.replace(pins=["left", fc.Pin("bottom", without="left")])
+    for each in (system, alone):
+        found = fc.equilibrium(each, each.rest())
+        forces = _held_forces(each, -each.force(found))
+        total = sum(forces.values())
+        np.testing.assert_allclose(total, -0.2 * 0.12 * np.array([1.0, 2, 0]), rtol=1e-9)
+    assert forces["left"][0] < -1e-3
+
+
+def test_clamps_that_meet_hold_each_edge_once(small):
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity()]
+    apart = [fc.Pin("boundary", clamp=True)]
+    meeting = [fc.Pin("boundary", clamp=True), fc.Pin("left", clamp=True), "top"]
+    one, other = (fc.System(small, fabric, terms, pins) for pins in (apart, meeting))
+    x = rough(small, np.random.default_rng(2))
+    assert np.array_equal(one.force(one.state(x)), other.force(other.state(x)))
 
 
 def test_without_pins_all_nodes_are_free(small, rng):

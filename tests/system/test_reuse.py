@@ -66,6 +66,7 @@ TERMS = {
     "Drag": fc.Drag(0.5),
     "Wind": fc.Wind((1.0, 0.0, 2.0), 1.0),
     "Pressure": fc.Pressure(3.0),
+    "EdgeForce": fc.EdgeForce("right", normal=1.0, tangent=2.0, follow=True),
     "PointForce": fc.PointForce((0.5, 0.25), (0.0, 0.0, 1.0)),
     "Obstacle": fc.Obstacle(PLANE, gap=1e-2),
     "SelfContact": fc.SelfContact(gap=1e-3),

@@ -21,6 +21,7 @@ BOTH = {
     "exact": fc.StrainRateDamping(0.01, tangent="exact", rate="velocity"),
     "plate damping": fc.BendingDamping(0.01, law=fc.PlateBending()),
     "Pressure": fc.Pressure(3.0, tangent="exact"),
+    "EdgeForce": fc.EdgeForce("boundary", normal=3.0, tangent=1.0, follow=True),
     "MassDamping": fc.MassDamping(0.3),
     "Gravity": fc.Gravity(),
 }

@@ -40,12 +40,24 @@ def _check_each_pin(run: PlannedRun) -> Iterator[Doubt | None]:
     """Yield what each check says of each pin; None where there is nothing to say."""
     motions = {signal.name: signal for signal in run.signals}
     for name, (pin, nodes) in run.system.constraints.groups.items():
+        yield _late_release(run, name, pin)
         if pin.motion is not None and pin.rotate is None:
             yield attempt(_constant_motion, run, name, pin, motions, otherwise=None)
         if isinstance(pin, Slide) and pin.moves:
             yield attempt(_dropped_motion, name, pin, motions[name_motion(name)], otherwise=None)
         if len(nodes) == 1:
             yield _one_node(run.system.cloth, name, pin, int(nodes[0]))
+
+
+def _late_release(run: PlannedRun, name: str, pin: Pin) -> Doubt | None:
+    """Warn of a pin that would let go only after the run."""
+    if pin.until is None or pin.until < run.t_end or isinstance(run.steps, LoadSteps):
+        return None
+    words = (
+        f"pin {name!r} holds to the end of the run, at {run.t_end:g} s, as until = "
+        f"{pin.until:g} s is not before it"
+    )
+    return Doubt(DoubtKind.NO_EFFECT, words, "is it in another unit?")
 
 
 def _constant_motion(

@@ -220,6 +220,24 @@ def find_friction_without_plate(run: PlannedRun) -> Iterator[Doubt]:
 # --- loads and contact -------------------------------------------------------
 
 
+def find_uneven_edges(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt equal forces on the nodes of an edge, whose ends should have less."""
+    cloth = run.system.cloth
+    for term in run.system.terms:
+        if not isinstance(term, terms.PointForce) or isinstance(term.where, tuple):
+            continue
+        nodes = cloth.nodes(term.where)
+        border = cloth.edge_sets.get("boundary", np.empty((0, 2), int))
+        if not np.isin(border, nodes).all(axis=1).any():
+            continue
+        words = (
+            f"PointForce gives each of {len(nodes)} nodes of an edge the same force, and the "
+            "stress beside its ends grows as the mesh becomes finer"
+        )
+        remedy = "take EdgeForce, a force per length, for a load that is uniform along an edge"
+        yield Doubt(DoubtKind.TERMS, words, remedy)
+
+
 def find_gas_without_pressure(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt a gas whose absolute pressure at the start is far below the ambient one."""
     for gas, bound in zip(run.system.terms, run.system.bound, strict=True):

@@ -99,7 +99,8 @@ class PointForce:
     Valid at any deformation, at some distance from the point. At the point itself the
     displacement of a membrane does not converge under refinement: in the plane it grows as the
     logarithm of 1/h. Evaluate results elsewhere, or load a set of nodes whose size does not
-    depend on h.
+    depend on h. For a load along an edge take `EdgeForce`: equal forces on its nodes give its
+    ends, which have half an edge, too much.
 
     Cost: proportional to the number of loaded nodes.
 

@@ -94,8 +94,18 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
     ("StVK stands 3 times", terms(fc.StVK(), fc.StVK(), fc.StVK()), terms(fc.StVK())),
     (
         "PointForce stands 2 times",
-        terms(fc.StVK(), fc.PointForce("right", (0, 0, 1)), fc.PointForce("right", (0, 0, 1))),
-        terms(fc.StVK(), fc.PointForce("right", (0, 0, 1)), fc.PointForce("top", (0, 0, 1))),
+        terms(fc.StVK(), fc.PointForce([0], (0, 0, 1)), fc.PointForce([0], (0, 0, 1))),
+        terms(fc.StVK(), fc.PointForce([0], (0, 0, 1)), fc.PointForce("corners", (0, 0, 1))),
+    ),
+    (
+        "PointForce gives each of .* nodes of an edge the same force.*EdgeForce",
+        terms(fc.StVK(), fc.PointForce("right", (0, 0, 1))),
+        terms(fc.StVK(), fc.EdgeForce("right", (0, 0, 1)), fc.PointForce("corners", (0, 0, 1))),
+    ),
+    (
+        r"pin 'left' holds to the end of the run, .*, as until = 500 s is not before it",
+        pin("left", until=500.0),
+        pin("left", until=1e-4),
     ),
     (
         "Obstacle stands 2 times",

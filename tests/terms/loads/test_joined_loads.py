@@ -15,6 +15,10 @@ LOADS = {
     "wind in space": fc.Wind(("3*t", "sin(9*z)*x", "-1"), normal=0.4, law="linear"),
     "steady wind": fc.Wind((1.0, 2.0, 3.0), normal=0.4, tangential=0.3),
     "point force": fc.PointForce("right", ("t", "1 - t", 2)),
+    "edge force": fc.EdgeForce("right", ("t", "1 - t", 2)),
+    "edge components": fc.EdgeForce("boundary", normal="9*t", tangent=1.0),
+    "following edge force": fc.EdgeForce("boundary", ("t", "1 - t", 2), follow=True),
+    "following components": fc.EdgeForce("top", normal="9*t", tangent=1.0, follow=True),
 }
 
 
@@ -47,4 +51,5 @@ def test_calls_have_the_bits_of_the_term(load, element, rng):
         join(definite)()
         term.add_tangent(x, v, time, 1.5 * time, 2.0, of_python, definite=True)
         assert np.array_equal(J.values, of_python.values)
-    assert J.values.any() == (load != "point force")
+    is_dead = load in ("point force", "edge force", "edge components")
+    assert J.values.any() == (not is_dead)
