@@ -68,7 +68,7 @@ EVIL = [  # the lines after the square, and the name that the refusal must have
     ("SystemCall Sprintf(%s);", "SystemCall in line 6"),
     ("s = Sprintf(%s);", "the text"),
     ("s = Sprintf(Str(%s));", "Sprintf in line 6"),
-    ('Physical Point(Sprintf("%s", 1)) = {1};', "the text"),
+    ('Physical Point(Sprintf("%d", 1)) = {1};', "the text"),
     ('Physical Point(Sprintf("%n", 1)) = {1};', "the text"),
     ('Physical Point(Sprintf("%300g", 1)) = {1};', "the text"),
     ('Physical Point(Sprintf("%.99g", 1)) = {1};', "the text"),
@@ -162,23 +162,28 @@ ORDINARY = {
         Curve{13} In Surface{1}; Transfinite Curve {1, 3} = 5 Using Progression 1.1;
         Delete { Curve{11, 12}; } Coherence;""",
     "terminal": """
-        Printf("New curves '%g' and \\"%g\\"; For the last time", 1, 2);
+        Printf("New curves '%g' and %g; For the last time", 1, 2);
         If (h < 1) Printf(Sprintf("h = %g", h)); EndIf""",
     "macros": """
-        Macro Hole
+        Macro Spot
           p1 = newp; Point(p1) = {x, y, 0, h / 4}; Point{p1} In Surface{1}; k = k + 1;
           Physical Point(Sprintf("hole %g", k)) = {p1};
         Return
         Function Unused
           y = y + k;
         Return
-        k = 0; x = 0.3; y = 0.4; Call Hole; x = 0.7; Call Hole; Call Unused;""",
+        k = 0; x = 0.3; y = 0.4;
+        Call Spot;
+        x = 0.7;
+        Call Spot;
+        Call Unused;""",
     "ranges": """
-        n[] = {1 ... 4}; Physical Curve("rim") = {n[]}; Physical Point("p") = {1...4};
-        Hide {:}; Show { Surface{1}; } Hide "*";
+        n[] = {1 ... 4}; Physical Curve("rim") = {n[]}; Physical Point("p") = {1 ... 4};
+        Hide {:} Show { Surface{1}; } Hide "*";
         b[] = BoundingBox Surface{1}; q[] = Point In BoundingBox {-1, -1, -1, 0.5, 2, 1};
         Physical Point("left") = {q[]};""",
-    "formulas": 'Field[1] = MathEval; Field[1].F = Sprintf("0.2 + %g * x", h); Background Field = 1;',
+    "formulas": """
+        Field[1] = MathEval; Field[1].F = Sprintf("0.2 + %g * x", h); Background Field = 1;""",
     "extrusion": 'out[] = Extrude {0, -1, 0} { Curve{-1}; }; Physical Surface("skirt") = {out[1]};',
 }
 OCC = """SetFactory("OpenCASCADE");
