@@ -102,7 +102,7 @@ class Scene(Table):
         piece: Any = cloth
         if isinstance(cloth.get("pieces"), dict):  # all have one element: the first one tells it
             piece = next(iter(cloth["pieces"].values()), {})
-        if not isinstance(piece, dict) or piece.get("shape") == "file" and "element" not in piece:
+        if not isinstance(piece, dict) or (piece.get("shape") == "file" and "element" not in piece):
             return data
         data.setdefault("mass", "consistent" if piece.get("element") == "P2" else "lumped")
         return data
