@@ -35,9 +35,9 @@ def gmsh_plane(draw: Callable, h: float, where: str, grading: Sequence[Grading] 
             set_sizes(gmsh, grading, h, where)
         with _as_mesh_error("Gmsh cannot mesh the surface", where):
             gmsh.model.mesh.generate(2)
-        xyz, triangles = _gmsh_arrays(gmsh, where)[1:3]
+        _, xyz, cells, *_ = _gmsh_arrays(gmsh, where)
     # Removes the centres of circles.
-    used, triangles = np.unique(triangles.nodes, return_inverse=True)
+    used, triangles = np.unique(cells.nodes, return_inverse=True)
     return RawMesh(
         xyz=xyz[used],
         triangles=triangles.reshape(-1, 3),
@@ -181,8 +181,10 @@ def _gmsh_arrays(
                 cell_ids.append(cell_tags.astype(np.int64))
                 surfaces.append(np.full(len(cell_tags), tag))
     triangles = triangles_of(xyz, blocks, where, remedy)
-    cell_ids, surfaces = np.concatenate(cell_ids), np.concatenate(surfaces)
-    return ids, xyz, triangles, cell_ids[triangles.cell], surfaces[triangles.cell]
+    ids_of_triangles, surfaces_of_triangles = (
+        np.concatenate(parts)[triangles.cell] for parts in (cell_ids, surfaces)
+    )
+    return ids, xyz, triangles, ids_of_triangles, surfaces_of_triangles
 
 
 def _from_gmsh(gmsh, where: str, remedy: str) -> RawMesh:

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,7 +21,7 @@ from fecloth.mesh.grading import Grading, check_gradings
 from fecloth.mesh.indices import MAX_LISTED, validated_indices
 from fecloth.mesh.planes import rounding
 from fecloth.mesh.raw_mesh import RawMesh
-from fecloth.mesh.texture_reference import REFERENCES, choose_reference
+from fecloth.mesh.texture_reference import REFERENCES, possible_references
 
 LFS = b"version https://git-lfs.github.com/"  # the beginning of a text in place of a file
 
@@ -63,7 +64,7 @@ def read(
         Whether nodes closer than the rounding of the file become one node.
     reference : str, optional
         Of an ``.obj``: "v" or "vt", the coordinates that are the flat cloth. Of a frame "v" are
-        its points. Default: see `texture_reference.choose_reference`.
+        its points. Default: see `texture_reference.possible_references`.
     scale : float
         Metres of a unit of the flat coordinates in the file.
 
@@ -114,8 +115,11 @@ def read(
         raw = in_child({"file": str(path.resolve())}, str(path), time_limit)
     if merge:
         raw = merge_nodes(raw)
-    raw = choose_reference(raw, reference, scale, str(path))
-    return _to_flat_mesh(raw, str(path))
+    *first, last = possible_references(raw, reference, scale, str(path))
+    for raw in first:
+        with suppress(MeshError):
+            return _to_flat_mesh(raw, str(path))
+    return _to_flat_mesh(last, str(path))
 
 
 def _refuse_placeholder(path: Path) -> None:

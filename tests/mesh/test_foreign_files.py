@@ -165,8 +165,31 @@ READ = {
         *(4, 2, 1.0),
         note="vt is the flat cloth",
     ),
+    "vt of the lengths of v, cut in two": Case(
+        "islands.obj",
+        SQUARE_V + SQUARE_VT + "vt 5 0\nvt 6 1\nvt 5 1\nf 1/1 2/2 3/3\nf 1/5 3/6 4/7\n",
+        *(4, 2, 1.0),
+        note="vt not used: it is cut",
+    ),
+    "vt of the lengths of v, folded": Case(
+        "folded.obj",
+        SQUARE_V + SQUARE_VT + "f 1/1 2/2 3/3\nf 1/1 3/3 4/2\n",
+        *(4, 2, 1.0),
+        note="vt not used: it is cut or overlaps",
+    ),
+    "vt that is a little shorter than v": Case(
+        "shorter.obj",
+        SQUARE_V + SQUARE_VT.replace("1", "0.9") + "f 1/1 2/2 3/3 4/4\n",
+        *(4, 2, 0.81),
+        note="vt is the flat cloth",
+    ),
     "a tent whose vt has the lengths": Case(
-        "tent.obj", TENT_V + TENT_VT + TENT_F, 6, 4, 1.9, note="by itself, as their edges agree"
+        "tent.obj",
+        TENT_V + TENT_VT + TENT_F,
+        6,
+        4,
+        1.9,
+        note="vt is the flat cloth, and v the start",
     ),
     "a tent whose vt is asked for": Case(
         "atlas.obj",
@@ -314,6 +337,12 @@ REFUSED = {
         ["node 5", "middle of an edge"],
     ),
     "another reference": ("sheet.obj", SQUARE_V, {"reference": "uv"}, ["must be one of v, vt"]),
+    "no number": (
+        "nan.obj",
+        SQUARE_V.replace("v 1 1", "v 1 nan") + SQUARE_VT + "f 1/1 2/2 3/3\n",
+        {},
+        ["non-finite", "node 3"],
+    ),
     "no scale": ("sheet.obj", SQUARE_V, {"scale": 0.0}, ["scale = 0", "> 0"]),
 }
 
