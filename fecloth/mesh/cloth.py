@@ -177,7 +177,8 @@ class Cloth:
             coordinates `v` are `start`. Default: "vt" if all its edges are as long as those of
             `v` within 20 %, else "v", which must be flat.
         scale
-            Metres of a unit of the flat coordinates in the file.
+            Metres of a unit of the coordinates in the file; with the reference "vt", of `vt`
+            alone.
         """
         mesh = read(path, h, trust, time_limit, grading, merge, reference, scale)
         return cls._from_mesh(mesh, element or mesh.element)

@@ -66,7 +66,7 @@ def read(
         Of an ``.obj``: "v" or "vt", the coordinates that are the flat cloth. Of a frame "v" are
         its points. Default: see `texture_reference.possible_references`.
     scale : float
-        Metres of a unit of the flat coordinates in the file.
+        Metres of a unit of the coordinates in the file; with the reference "vt", of `vt` alone.
 
     Returns
     -------

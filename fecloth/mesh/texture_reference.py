@@ -21,8 +21,8 @@ def possible_references(
     The flat coordinates are `vt` with the `reference` "vt", and `v` with "v". Without a
     `reference` they are `vt` if no edge is longer or shorter than in `v` by more than
     `MOST_STRETCH`, and else `v`. A flat `v` is also the second choice, for a `vt` that is cut
-    or overlaps. Where they are `vt`, `v` is the start. It is scaled, too, if it has the unit of
-    `vt`.
+    or overlaps. Where they are `vt`, `v` is the start. It is scaled, too, except with the
+    `reference` "vt", for which the `scale` is that of `vt` alone.
 
     Raises `InputError` for "vt" in a file without `vt`, and `MeshError` for a `v` that is not
     flat beside a `vt` of other lengths.
@@ -39,12 +39,12 @@ def possible_references(
         # `FlatMesh.from_arrays` refuses it.
         return [replace(raw, xyz=scale * raw.xyz)]
     stretch = _largest_stretch(raw, vt[vt_triangles])
-    has_same_unit = stretch <= MOST_STRETCH
-    v_scale = scale if has_same_unit else 1.0
+    agrees = stretch <= MOST_STRETCH
+    v_scale = 1.0 if reference == "vt" else scale
     by_texture = _by_texture(raw, vt[vt_triangles], scale, v_scale)
     if reference == "vt":
         return [by_texture]
-    if has_same_unit:
+    if agrees:
         why = "it is cut or overlaps"
     else:
         why = f"its edges differ from those of v up to {stretch:.3g} times"
@@ -53,10 +53,10 @@ def possible_references(
     try:
         flatten(raw.xyz[np.unique(raw.triangles)], where)
     except MeshError as error:
-        if has_same_unit:
+        if agrees:
             return [by_texture]
         raise MeshError(error.what, error.allowed, where, f"{note}.") from error
-    return [by_texture, by_nodes] if has_same_unit else [by_nodes]
+    return [by_texture, by_nodes] if agrees else [by_nodes]
 
 
 def _largest_stretch(raw: RawMesh, vt: np.ndarray) -> float:
@@ -76,7 +76,8 @@ def _largest_stretch(raw: RawMesh, vt: np.ndarray) -> float:
 def _by_texture(raw: RawMesh, vt: np.ndarray, scale: float, v_scale: float) -> RawMesh:
     """Return the mesh whose nodes are the different pairs of a node and its `vt`.
 
-    `vt` (m, 3, 2) are the texture coordinates of the corners. A node with several, where the texture is cut, becomes several nodes.
+    `vt` (m, 3, 2) are the texture coordinates of the corners. A node with several, where the
+    texture is cut, becomes several nodes.
     """
     corners = np.column_stack([raw.triangles.ravel(), vt.reshape(-1, 2)])
     pairs, triangles = np.unique(corners, axis=0, return_inverse=True)

@@ -88,7 +88,7 @@ class MeshFile(Table):
     """Of an .obj: the coordinates that are the flat cloth. With "vt" the start is `v`. Left out:
     "vt" if its edges are as long as those of `v` within 20 %, else "v", which must be flat."""
     scale: float = Field(1.0, gt=0)
-    """Metres of a unit of the flat coordinates in the file."""
+    """Metres of a unit of the coordinates in the file; with reference = "vt", of `vt` alone."""
 
     remedies: ClassVar = {"file": MESH_FILE}
 

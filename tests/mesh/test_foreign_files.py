@@ -422,13 +422,14 @@ def test_edges_within_20_percent_agree(tmp_path, stretch, agrees):
             fc.Cloth.read(path)
 
 
-def test_a_v_in_the_unit_of_vt_is_scaled_with_it(tmp_path):
-    in_mm = (TENT_V + TENT_VT).replace("0.95", "950").replace("1.9", "1900").replace("0.9", "900")
-    in_mm = in_mm.replace("1.8", "1800").replace("0.3", "300").replace(" 1 ", " 1000 ")
-    path = written(tmp_path, "mm.obj", in_mm.replace(" 1\n", " 1000\n") + TENT_F)
-    cloth = fc.Cloth.read(path, reference="vt", scale=1e-3)
-    assert cloth.X.max() == pytest.approx(1.9)
-    assert np.ptp(cloth.start, axis=0) == pytest.approx([1.8, 1.0, 0.3])
+def test_a_scale_is_of_the_file_or_with_the_reference_vt_of_vt_alone(tmp_path):
+    path = written(tmp_path, "tent.obj", TENT_V + TENT_VT + TENT_F)
+    in_mm, by_itself = fc.Cloth.read(path, scale=1e-3), fc.Cloth.read(path)
+    assert np.allclose(in_mm.X, 1e-3 * by_itself.X, atol=0)
+    assert np.allclose(in_mm.start, 1e-3 * by_itself.start, atol=0)
+    asked = fc.Cloth.read(path, reference="vt", scale=0.9)
+    assert np.allclose(asked.X, 0.9 * by_itself.X, atol=0)
+    assert np.array_equal(asked.start, by_itself.start)
 
 
 def test_a_tube_is_cut_where_its_texture_is_cut(tmp_path):
