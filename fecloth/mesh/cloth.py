@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError, amount
 from fecloth.mesh import elements, generate, norms, selection
+from fecloth.mesh.child_process import TIME_LIMIT
 from fecloth.mesh.edge_slopes import EdgeSlopes
 from fecloth.mesh.flat_mesh import FlatMesh, quality
-from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.mesh.grading import Grading
 from fecloth.mesh.hinges import HalfEdges, Hinges
 from fecloth.mesh.numbering import join_meshes, renumber_mesh

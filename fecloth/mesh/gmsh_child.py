@@ -1,7 +1,6 @@
-"""Gmsh and meshio in a process of their own, which can be stopped at any moment and has limits.
+"""The process in which Gmsh and meshio work: it has limits of time and memory.
 
-`in_child` starts ``python -m fecloth.mesh.gmsh_child``, sends it a task as JSON and reads the
-arrays of the mesh from its standard output, as an .npz file. A start takes about 0.4 s.
+`child_process.in_child` starts it, and says what its tasks and its answer are.
 """
 
 import importlib
@@ -9,16 +8,13 @@ import io
 import json
 import os
 import signal
-import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from fecloth import validation
-from fecloth.errors import InputError, MeshError
+from fecloth.errors import InputError
 from fecloth.mesh.file_formats import read_file, read_surface
 from fecloth.mesh.gmsh_import import (
     DRAWINGS,
@@ -29,61 +25,7 @@ from fecloth.mesh.gmsh_import import (
 from fecloth.mesh.grading import Grading
 from fecloth.mesh.raw_mesh import RawMesh
 
-TIME_LIMIT = 300.0  # s of wall time by default; users can raise it
 MEMORY_SHARE = 0.5  # of the machine's memory; the rest is for the process that waits
-_ERRORS = {"InputError": InputError, "MeshError": MeshError}
-
-
-def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
-    """Mesh or read a file in a child process; return the mesh. The process ends with this call.
-
-    Raises the `InputError` or `MeshError` of the child, and `MeshError` if it takes longer than
-    `time_limit` [s] or ends without a mesh.
-
-    Parameters
-    ----------
-    task
-        One of ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, ``{"file":
-        path}``, ``{"surface": path}`` (both of other formats) and ``{"draw": a name of `DRAWINGS`,
-        "sizes": its arguments}``. "geo" and "draw" may have a "grading", a list of the fields
-        of `Grading`. The process may write files only if "confined" is false.
-    where
-        The file, for messages.
-    time_limit
-        Seconds after which the process is killed.
-    """
-    validation.positive("time_limit", time_limit, "s", where)
-    # The child must import the same fecloth, also where it is not installed.
-    package = Path(__file__).parents[2]
-    path = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
-    # -P: modules in the current folder must not be imported.
-    command = [sys.executable, "-P", "-m", __name__]
-    options: Any = {"capture_output": True, "env": os.environ | {"PYTHONPATH": path}}
-    request = json.dumps(task | {"where": where, "seconds": time_limit}).encode()
-    try:
-        done = subprocess.run(command, input=request, timeout=time_limit, **options)
-    except subprocess.TimeoutExpired:
-        what = "meshing or reading takes longer"
-        allowed = f"must end within {time_limit:g} s"
-        remedy = "Take a larger h, or raise the limit: --mesh-time SECONDS, time_limit in Python."
-        raise MeshError(what, allowed, where, remedy) from None
-    if done.returncode:
-        raise _make_error(done, where)
-    result = _unpack(done.stdout)
-    if "error" in result:
-        raise _ERRORS[result["error"]](*result["arguments"])
-    return RawMesh(**result)
-
-
-def _make_error(done: subprocess.CompletedProcess, where: str) -> MeshError:
-    """Return the error of a process that has ended without a mesh, with its last words."""
-    last_words = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-    why = last_words or f"status {done.returncode}"
-    if done.returncode < 0:
-        with suppress(ValueError):
-            why = f"{signal.Signals(-done.returncode).name}; {why}"
-    remedy = "Is the mesh too large for the memory? Take a larger h, or a coarser mesh."
-    return MeshError(f"reading has ended without a mesh ({why})", where=where, remedy=remedy)
 
 
 def _pack(result: dict) -> bytes:
@@ -103,19 +45,6 @@ def _pack(result: dict) -> bytes:
     stream = io.BytesIO()
     np.savez(stream, np.frombuffer(header, np.uint8), *arrays)
     return stream.getvalue()
-
-
-def _unpack(data: bytes) -> dict:
-    """Return what `_pack` has packed."""
-    with np.load(io.BytesIO(data), allow_pickle=False) as file:
-
-        def find(item: dict) -> Any:
-            is_place = item.keys() == {"array"} and isinstance(item["array"], int)
-            if is_place:
-                return file[f"arr_{item['array']}"]
-            return item
-
-        return json.loads(file["arr_0"].tobytes(), object_hook=find)
 
 
 def main() -> None:

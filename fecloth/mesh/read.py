@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 
 from fecloth import validation
 from fecloth.errors import InputError, MeshError, amount
+from fecloth.mesh.child_process import TIME_LIMIT, in_child
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.geo_commands import check_geo
-from fecloth.mesh.gmsh_child import TIME_LIMIT, in_child
 from fecloth.mesh.grading import Grading, check_gradings
 from fecloth.mesh.indices import MAX_LISTED, validated_indices
 from fecloth.mesh.planes import rounding

@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import Field, create_model, model_validator
 
 from fecloth.errors import InputError, amount
+from fecloth.mesh.child_process import TIME_LIMIT
 from fecloth.mesh.cloth import Cloth
-from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.mesh.grading import Grading
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.error_words import MESH_FILE

@@ -14,8 +14,8 @@ from typing import Any, Literal
 from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
 from fecloth.errors import InputError, SceneError
+from fecloth.mesh.child_process import TIME_LIMIT
 from fecloth.mesh.cloth import Cloth
-from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.nonlinear.options import Newton
 from fecloth.scene import tables, toml_text
 from fecloth.scene.build import build

@@ -15,7 +15,7 @@ from support.tiers import stories_except
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.errors import InputError, MeshError
-from fecloth.mesh import geo_commands, gmsh_child
+from fecloth.mesh import child_process, geo_commands
 from fecloth.mesh import read as reading
 from fecloth.mesh.geo_commands import check_geo
 from fecloth.mesh.read import read
@@ -442,7 +442,7 @@ def test_the_child_ends_with_a_killed_parent(folder):
 
 @pytest.mark.stories
 def test_a_crash_of_gmsh_is_an_error(folder, monkeypatch):
-    monkeypatch.setattr(gmsh_child.sys, "executable", "/bin/false")
+    monkeypatch.setattr(child_process.sys, "executable", "/bin/false")
     with pytest.raises(MeshError, match="reading has ended without a mesh"):
         read(written(folder, SQUARE, "plain.geo"))
 
@@ -451,7 +451,7 @@ def test_a_confined_child_writes_no_file(folder):
     """The second wall: even a command that the check overlooked would find its file empty."""
     written(folder, SQUARE + 'Printf("x") > "CANARY";\n')
     task = {"geo": str(folder / "evil.geo"), "h": None, "confined": True}
-    gmsh_child.in_child(task, "evil.geo")
+    child_process.in_child(task, "evil.geo")
     assert not any(os.path.getsize(folder / name) for name in made(folder))
 
 
