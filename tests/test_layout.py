@@ -91,7 +91,7 @@ def tokens_of(source: Path) -> int:
 def test_the_loop_over_steps_can_be_read_whole():
     """It knows nothing of doubts, `Auto`, room, stability limits or fused steps."""
     files = closure_of(PACKAGE / "simulation" / "steps.py", PACKAGE)
-    assert len(files) <= 85
+    assert len(files) <= 88
     assert sum(map(tokens_of, files)) <= 95_000
     names = {file.relative_to(PACKAGE).as_posix() for file in files}
     apart = ("method_choice", "no_room", "stability_limited", "fused_march", "step_failures")

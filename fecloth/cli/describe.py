@@ -50,7 +50,7 @@ def describe_scene(scene: Scene, ranks: int | None) -> list[str]:
 
 
 def describe_cloth(cloth: Cloth) -> list[str]:
-    """Return lines on size, edges and quality of the triangles, and one line for each set.
+    """Return lines on size, edges and quality of the triangles, the sets, and notes on the file.
 
     The first line has the numbers of nodes and triangles, and the area.
     """
@@ -67,6 +67,7 @@ def describe_cloth(cloth: Cloth) -> list[str]:
         f"quality {cloth.quality.min():.3f} to {cloth.quality.max():.3f}, "
         f"mean {cloth.quality.mean():.3f} (1 is equilateral)",
         *(f"set {n}: {amount(len(cloth.nodes(n)), 'node')}" for n in sorted(cloth.node_sets)),
+        *(f"note: mesh: {note}" for note in cloth.notes),
     ]
 
 

@@ -28,9 +28,7 @@ def mesh(
     if is_scene:
         cloth = meshing.load(path).mesh()
     else:
-        cloth = Cloth.read(
-            path, h, element="P1", trust=meshing.trust_geo, time_limit=meshing.mesh_time
-        )
+        cloth = Cloth.read(path, h, trust=meshing.trust_geo, time_limit=meshing.mesh_time)
     print("\n".join(describe_cloth(cloth)))
     if output:
         write_mesh(Path(output), cloth)

@@ -208,7 +208,7 @@ def export(
     folder: RunFolder,
     *,
     output: Annotated[str, ".usda, or .obj for a file a frame", "FILE", "-o"],
-    fps: Annotated[float | None, "frames a second in the other program (24)"] = None,
+    fps: Annotated[float | None, "frames a second: 24 of .usda, those of the run of .obj"] = None,
 ) -> int:
     """Write a run for Blender and other programs that render."""
     from fecloth.view.export import export

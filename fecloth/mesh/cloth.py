@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError, amount
 from fecloth.mesh import elements, generate, norms, selection
+from fecloth.mesh.child_process import TIME_LIMIT
 from fecloth.mesh.edge_slopes import EdgeSlopes
 from fecloth.mesh.flat_mesh import FlatMesh, quality
-from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.mesh.grading import Grading
 from fecloth.mesh.hinges import HalfEdges, Hinges
 from fecloth.mesh.numbering import join_meshes, renumber_mesh
@@ -68,6 +68,11 @@ class Cloth:
         "P1" or "P2".
     triangle_sets
         Named triangles (regions).
+    start
+        (n, 3) positions in space [m] that a file has beside the flat coordinates, for
+        ``system.state(cloth.start)``; else None.
+    notes
+        What was done to a file or to arrays, a sentence each.
     """
 
     X: np.ndarray
@@ -78,6 +83,8 @@ class Cloth:
     source_triangles: np.ndarray | None = None
     element: str = "P1"
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
+    start: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
 
     # --- constructors -------------------------------------------------------------------------
 
@@ -133,17 +140,20 @@ class Cloth:
         cls,
         path: str | Path,
         h: Annotated[float | None, LENGTH] = None,
-        element: str = "P1",
+        element: str | None = None,
         trust: bool = False,
         time_limit: Annotated[float, TIME] = TIME_LIMIT,
         grading: Sequence[Grading] = (),
+        merge: bool = False,
+        reference: str | None = None,
+        scale: float = 1.0,
     ) -> "Cloth":
-        """Read a triangle mesh by meshio or Gmsh, or mesh a .geo file by Gmsh.
+        """Read a mesh of another program, or mesh a .geo file by Gmsh.
 
         Physical groups become node sets, edge sets and regions. A mesh with three coordinates
-        is accepted if all nodes lie in one plane. Raises `MeshError` for a file that is missing,
-        cannot be read or is not a valid flat mesh, and `InputError` for arguments that do not
-        fit the file.
+        is accepted if all nodes lie in one plane. `notes` of the cloth say what was done to the
+        file. Raises `MeshError` for a file that is missing, cannot be read or is not a valid
+        flat mesh, and `InputError` for arguments that do not fit the file.
 
         Parameters
         ----------
@@ -152,7 +162,7 @@ class Cloth:
         h
             Edge length [m] of a .geo file. Default: the sizes in the file.
         element
-            "P1" or "P2".
+            "P1" or "P2". Default: P2 for quadratic triangles with straight edges, else P1.
         trust
             Whether a .geo file may have any command. It is a program; by default it may have
             only commands of geometry and mesh sizes.
@@ -160,8 +170,18 @@ class Cloth:
             Seconds after which Gmsh or meshio is stopped.
         grading
             Places towards which the triangles become smaller, for a .geo file with h.
+        merge
+            Whether nodes at the same position become one node.
+        reference
+            Of an .obj, "v" or "vt": the coordinates that are the flat cloth. With "vt" the
+            coordinates `v` are `start`. Default: "vt" if all its edges are as long as those of
+            `v` within 20 %, else "v", which must be flat.
+        scale
+            Metres of a unit of the coordinates in the file; with the reference "vt", of `vt`
+            alone.
         """
-        return cls._from_mesh(read(path, h, trust, time_limit, grading), element)
+        mesh = read(path, h, trust, time_limit, grading, merge, reference, scale)
+        return cls._from_mesh(mesh, element or mesh.element)
 
     @classmethod
     @checks_arguments
@@ -252,6 +272,8 @@ class Cloth:
             source_triangles=source_triangles,
             element=element,
             triangle_sets=mesh.triangle_sets,
+            start=mesh.start,
+            notes=mesh.notes,
         )
 
     @property
@@ -262,6 +284,8 @@ class Cloth:
             node_sets=self.node_sets,
             edge_sets=self.edge_sets,
             triangle_sets=self.triangle_sets,
+            start=self.start,
+            notes=self.notes,
         )
 
     @classmethod

@@ -204,7 +204,10 @@ def add_midpoints(mesh: FlatMesh, corner_sets: Collection[str] = ()) -> FlatMesh
         return np.union1d(nodes, midpoints)
 
     sets = {name: with_midpoints(name, nodes) for name, nodes in mesh.node_sets.items()}
-    return replace(mesh, X=X, node_sets=sets)
+    start = mesh.start
+    if start is not None:
+        start = np.concatenate([start, start[edges].mean(axis=1)])
+    return replace(mesh, X=X, node_sets=sets, start=start)
 
 
 def oriented_cells(mesh: skfem.MeshTri, triangles: np.ndarray) -> np.ndarray:

@@ -7,9 +7,11 @@ from typing import Self
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from fecloth.errors import MeshError
+from fecloth.errors import MeshError, amount
 from fecloth.mesh.indices import MAX_LISTED, validated_indices
+from fecloth.mesh.planes import flatten, rounding
 from fecloth.validation import FARTHEST
 
 
@@ -29,6 +31,12 @@ class FlatMesh:
         Name of each curve to the (k, 2) node pairs of its edges, lower index first.
     triangle_sets
         Name of each region to its sorted unique triangle indices.
+    start
+        (n, 3) positions in space [m] that a file has beside the flat coordinates, or None.
+    element
+        The element that a file is written in, "P1" or "P2".
+    notes
+        What was changed or chosen, a sentence each.
     """
 
     X: np.ndarray
@@ -36,6 +44,9 @@ class FlatMesh:
     node_sets: dict[str, np.ndarray]
     edge_sets: dict[str, np.ndarray]
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
+    start: np.ndarray | None = None
+    element: str = "P1"
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def from_arrays(
@@ -51,23 +62,23 @@ class FlatMesh:
     ) -> Self:
         """Validate plain arrays and return a mesh whose triangles are all counter-clockwise.
 
-        Errors in the arrays are reported and not repaired. Exception: if all triangles are
-        clockwise, all are reversed. The node and edge sets ``boundary`` (the edges of only one
+        Clockwise triangles are turned; other errors in the arrays are reported and not
+        repaired. The node and edge sets ``boundary`` (the edges of only one
         triangle) are added unless sets of this name exist. An edge set without a node set of the
         same name gets one.
 
         Raises `MeshError` for coordinates that are not finite or not in a plane, indices out
-        of range, repeated vertices, zero-area, inverted, duplicate, overlapping or unconnected
-        triangles, an edge of more than two triangles, unused or coincident nodes, empty sets,
-        and sets with pairs that are no edge.
+        of range, repeated vertices, zero-area, duplicate, overlapping or unconnected triangles,
+        an edge of more than two triangles, unused or coincident nodes, a node in the middle of
+        an edge, empty sets, and sets with pairs that are no edge.
 
         Parameters
         ----------
         X : (n, 2) or (n, 3) array
-            Coordinates [m]. Points with three coordinates must lie in a plane to 1e-9 of the
-            extent. In the planes xy, xz and yz those two coordinates are used. Any other plane
-            gets an orthonormal frame, whose first axis is the projection of the global x axis,
-            or of the y axis if the plane is normal to x.
+            Coordinates [m]. Points with three coordinates must lie in a plane, to the rounding
+            of their numbers (`fecloth.mesh.planes.rounding`). In the planes xy, xz and yz those
+            two coordinates are used. Any other plane gets an orthonormal frame, whose first axis
+            is the projection of the global x axis, or of the y axis if the plane is normal to x.
         triangles : (m, 3) integer array
             Node indices.
         node_sets, triangle_sets : dict of str to (k,) integer arrays, optional
@@ -94,12 +105,20 @@ class FlatMesh:
         remedy = "Is the file in another unit?"
         source.check_no_nodes(far_away, "nodes too far away", limit, remedy)
         _check_vertices(triangles, n, source)
+        notes = []
         if X.shape[1] == 3:
-            X = flatten(X, where)
+            extent = np.linalg.norm(np.ptp(X, axis=0))
+            X, distance = flatten(X, where)
+            if distance > 1e-9 * extent:  # more than the round-off of a rotation
+                notes.append(f"nodes up to {distance:.2g} m away from their plane moved into it")
         _check_nodes(X, triangles, source)
-        triangles = _orient(X, triangles.astype(np.int32), source)
+        triangles, turned = _orient(X, triangles.astype(np.int32), source)
+        if turned:
+            notes.append(f"{turned} of {amount(m, 'triangle')} turned, to be counter-clockwise")
         _check_duplicates(triangles, source)
-        keys, boundary = _check_edges(triangles, n, source)
+        keys, boundary, opposite, pieces = _check_edges(triangles, n, source)
+        _check_hanging(X, boundary, opposite, source)
+        _check_connected(pieces, triangles, source)
         _check_fans(X, triangles, source)
         nodes = {k: _index_set(k, v, n, where) for k, v in (node_sets or {}).items()}
         edges = {k: _edge_set(k, v, n, keys, source) for k, v in (edge_sets or {}).items()}
@@ -108,7 +127,7 @@ class FlatMesh:
         # The right operand wins: an edge set gets a node set only if there is none of its name.
         nodes = {name: np.unique(pairs) for name, pairs in edges.items()} | nodes
         regions = {k: _index_set(k, v, m, where) for k, v in (triangle_sets or {}).items()}
-        return cls(X, triangles, nodes, edges, regions)
+        return cls(X, triangles, nodes, edges, regions, notes=tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -212,7 +231,7 @@ def _check_nodes(X, triangles, source):
     order = np.argsort(points, kind="stable")
     coincident = np.sort(order[1:][points[order][1:] == points[order][:-1]])
     kind = "nodes coincident with another node"
-    source.check_no_nodes(coincident, kind, remedy="Merge nodes at the same position.")
+    source.check_no_nodes(coincident, kind, remedy="Merge them: merge = true.")
 
 
 def _areas_and_lengths(X, triangles):
@@ -225,9 +244,10 @@ def _areas_and_lengths(X, triangles):
 
 
 def _orient(X, triangles, source):
-    """Return the triangles counter-clockwise; all are reversed if all are clockwise.
+    """Return the triangles counter-clockwise, and how many of them were turned for that.
 
-    Raises `MeshError` for triangles of zero area, and if only some triangles are clockwise.
+    Raises `MeshError` for triangles of zero area. Triangles of a tangled mesh overlap after
+    they are turned, which `_check_edges` and `_check_fans` refuse.
     """
     area, lengths2 = _areas_and_lengths(X, triangles)
     flat = np.flatnonzero(np.abs(area) < 1e-12 * lengths2.max(axis=0))
@@ -235,17 +255,8 @@ def _orient(X, triangles, source):
     remedy = "Remove or reshape them."
     source.check_no_triangles(flat, triangles, "zero-area triangles", limit, remedy)
     is_clockwise = area < 0
-    count = np.count_nonzero(is_clockwise)
-    if count == len(triangles):
-        return np.ascontiguousarray(triangles[:, [0, 2, 1]])
-    if count:
-        # The message lists the smaller part of the triangles, which is probably the wrong one.
-        is_minority = is_clockwise if 2 * count <= len(triangles) else ~is_clockwise
-        minority = np.flatnonzero(is_minority)
-        limit = f"all {len(triangles)} must have the same orientation"
-        remedy = "Swap two vertices of each, or untangle the mesh."
-        source.check_no_triangles(minority, triangles, "inverted triangles", limit, remedy)
-    return triangles
+    oriented = np.where(is_clockwise[:, None], triangles[:, [0, 2, 1]], triangles)
+    return oriented, int(np.count_nonzero(is_clockwise))
 
 
 def _check_duplicates(triangles, source):
@@ -259,11 +270,12 @@ def _check_duplicates(triangles, source):
 def _check_edges(triangles, n, source):
     """Raise `MeshError` for an edge of more than two triangles, or of two that overlap there.
 
-    Also raise it for triangles that edges do not connect to the rest. `triangles` (m, 3) are
-    counter-clockwise, and n is the number of nodes.
+    `triangles` (m, 3) are counter-clockwise, and n is the number of nodes.
 
     Return the keys low * n + high of all edges, each once and ascending, where low and high are
-    the nodes of the edge; and the node pairs (b, 2) of the boundary edges.
+    the nodes of the edge; the node pairs (b, 2) of the boundary edges; the third node (b,) of
+    their triangles; and for each triangle (m,) the number of the piece to which edges connect
+    it.
     """
     start = triangles.ravel().astype(np.int64)
     end = np.roll(triangles, -1, axis=1).ravel()
@@ -284,8 +296,38 @@ def _check_edges(triangles, n, source):
     folded = sorted_keys[pair[is_ascending[pair] == is_ascending[pair + 1]]]
     kind = "edges whose two triangles lie on the same side (they overlap)"
     source.check_no_edges(_node_pairs(folded, n), kind, remedy="Untangle the mesh.")
-    _check_connected(order[pair] // 3, order[pair + 1] // 3, triangles, source)
-    return unique_keys, _node_pairs(unique_keys[count == 1], n)
+    m = len(triangles)
+    neighbours = order[pair] // 3, order[pair + 1] // 3
+    graph = coo_array((np.ones(len(pair), dtype=np.int8), neighbours), shape=(m, m))
+    pieces = connected_components(graph, directed=False)[1]
+    half_edges = order[first[count == 1]]
+    opposite = triangles[half_edges // 3, (half_edges % 3 + 2) % 3]
+    return unique_keys, _node_pairs(unique_keys[count == 1], n), opposite, pieces
+
+
+def _check_hanging(X, boundary, opposite, source):
+    """Raise `MeshError` for nodes in the middle of an edge of a triangle that does not have them.
+
+    Such an edge is a boundary edge, and the cloth would be open there. `boundary` (b, 2) are
+    the node pairs of the boundary edges, and `opposite` (b,) the third nodes of their triangles.
+    """
+    nodes = np.unique(boundary)
+    start, end = X[boundary[:, 0]], X[boundary[:, 1]]
+    length = np.linalg.norm(end - start, axis=1)
+    # All nodes in the circle around an edge: the ends, and those between them.
+    near = cKDTree(X[nodes]).query_ball_point((start + end) / 2, length / 2)
+    edge = np.repeat(np.arange(len(boundary)), [len(inside) for inside in near])
+    node = nodes[np.concatenate([*near, np.empty(0, int)]).astype(int)]
+    is_other = (node[:, None] != boundary[edge]).all(axis=1) & (node != opposite[edge])
+    edge, node = edge[is_other], node[is_other]
+    along = (end - start)[edge] / length[edge, None]
+    offset = X[node] - start[edge]
+    distance = np.abs(offset[:, 0] * along[:, 1] - offset[:, 1] * along[:, 0])
+    allowed = np.minimum(rounding(X), 1e-3 * length[edge])
+    hanging = np.unique(node[distance <= allowed])
+    kind = "nodes in the middle of an edge of another triangle"
+    remedy = "Split that triangle there."
+    source.check_no_nodes(hanging, kind, "must be at the ends of edges", remedy)
 
 
 def _check_fans(X, triangles, source):
@@ -308,20 +350,19 @@ def _node_pairs(keys, n):
     return np.column_stack((keys // n, keys % n)).astype(np.intp)
 
 
-def _check_connected(a, b, triangles, source):
+def _check_connected(pieces, triangles, source):
     """Raise `MeshError` if the triangles are in several pieces; name those outside the largest.
 
-    a and b (k,) are the indices of the two triangles at each interior edge.
+    `pieces` (m,) is the number of the piece of each triangle.
     """
-    m = len(triangles)
-    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(m, m))
-    pieces, label = connected_components(graph, directed=False)
-    if pieces > 1:
-        outside_largest = np.flatnonzero(label != np.bincount(label).argmax())
-        kind = "triangles not connected through edges to the rest"
-        limit = f"the mesh has {pieces} separate pieces"
-        remedy = "Join them, or use one cloth per piece."
-        source.check_no_triangles(outside_largest, triangles, kind, limit, remedy)
+    outside_largest = np.flatnonzero(pieces != np.bincount(pieces).argmax())
+    kind = "triangles not connected through edges to the rest"
+    limit = f"the mesh has {pieces.max() + 1} separate pieces"
+    remedy = (
+        "Merge nodes at the same position (merge = true), join the pieces, or use one cloth per "
+        "piece."
+    )
+    source.check_no_triangles(outside_largest, triangles, kind, limit, remedy)
 
 
 def _index_set(name, values, n, where):
@@ -338,44 +379,3 @@ def _edge_set(name, values, n, keys, source):
     no_edges = pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], keys)]
     source.check_no_edges(no_edges, f"pairs of set {name!r} that are not edges of a triangle")
     return pairs
-
-
-def flatten(xyz: np.ndarray, where: str) -> np.ndarray:
-    """Return in-plane coordinates (n, 2) of points (n, 3) [m] that lie in one plane.
-
-    In the planes xy, xz and yz these are the two coordinates in that order; in another plane
-    they are along the axes of `_frame`. Raises `MeshError` if a point is farther from the plane
-    than 1e-9 of the extent.
-    """
-    extent = np.ptp(xyz, axis=0)
-    allowed = 1e-9 * np.linalg.norm(extent)
-    for normal_axis, plane_axes in ((2, [0, 1]), (1, [0, 2]), (0, [1, 2])):
-        if extent[normal_axis] <= allowed:
-            return np.ascontiguousarray(xyz[:, plane_axes])
-    centred = xyz - xyz.mean(axis=0)
-    # The normal is the direction of least extent, the last right singular vector. R of the QR
-    # decomposition has the same right singular vectors, but only three rows.
-    normal = np.linalg.svd(np.linalg.qr(centred, mode="r"))[2][2]
-    distance = np.abs(centred @ normal).max()
-    if distance > allowed:
-        what = f"a node is {distance:.3g} m away from the plane of the other nodes"
-        remedy = "Use the flat reference shape, not the draped shape."
-        raise MeshError(what, f"at most {allowed:.3g} m (1e-9 of the extent)", where, remedy)
-    return xyz @ _frame(normal).T
-
-
-def _frame(normal: np.ndarray) -> np.ndarray:
-    """Return two orthonormal axes (2, 3) in the plane with this unit normal (3,).
-
-    The first axis is the projection of the x axis, or of the y axis if the plane is normal to
-    x. The sign of the normal is chosen so that the axes vary continuously from the axes of the
-    coordinate planes xy, xz and yz.
-    """
-    last_axis = max(i for i in range(3) if abs(normal[i]) > 1e-6)
-    sign = (1.0, -1.0, 1.0)[last_axis]  # the planes yz, xz, xy have the normals x, −y, z
-    normal = normal * np.sign(sign * normal[last_axis])
-    is_along_x = np.linalg.norm(normal[1:]) < 1e-6
-    first = np.eye(3)[1 if is_along_x else 0]
-    first = first - normal * (first @ normal)
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(normal, first)])

@@ -9,8 +9,8 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.mesh import gmsh_session
+from fecloth.mesh.child_process import in_child
 from fecloth.mesh.flat_mesh import FlatMesh
-from fecloth.mesh.gmsh_child import in_child
 from fecloth.mesh.gmsh_import import DRAWINGS, gmsh_plane, refuse_coarse
 from fecloth.mesh.grading import Grading, check_gradings
 

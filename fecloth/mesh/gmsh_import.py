@@ -3,49 +3,22 @@
 import contextlib
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from fecloth import validation
 from fecloth.errors import MeshError
+from fecloth.mesh.cells import Cells, Triangles, triangles_of
 from fecloth.mesh.gmsh_session import gmsh_model, set_options
 from fecloth.mesh.grading import Grading, set_sizes
+from fecloth.mesh.raw_mesh import RawMesh
 
 _DIMENSIONS = ("point", "curve", "surface")
-
-
-@dataclass(frozen=True)
-class RawMesh:
-    """Arrays of a file before validation.
-
-    Attributes
-    ----------
-    xyz
-        (n, 3) coordinates [m]; some files have two coordinates.
-    triangles
-        (m, 3) node indices.
-    node_sets
-        Name of each set to arrays of node indices, which together are the set.
-    edge_sets
-        Name of each set to arrays (k, 2) of node indices.
-    node_ids, triangle_ids
-        Numbers of the nodes (n,) and triangles (m,) in the file, for messages.
-    geometric
-        (n,) bool: nodes that are removed if no triangle uses them.
-    triangle_sets
-        Name of each region to its triangle indices.
-    """
-
-    xyz: np.ndarray
-    triangles: np.ndarray
-    node_sets: dict[str, list[np.ndarray]]
-    edge_sets: dict[str, list[np.ndarray]]
-    node_ids: np.ndarray
-    triangle_ids: np.ndarray
-    geometric: np.ndarray
-    triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
+_SAVED_GROUPS = (  # the remedy for a .msh without triangles
+    "Where a file has physical groups, Gmsh saves their cells only: add a Physical Surface, or "
+    "set Mesh.SaveAll = 1, and save again."
+)
 
 
 def gmsh_plane(draw: Callable, h: float, where: str, grading: Sequence[Grading] = ()) -> RawMesh:
@@ -62,8 +35,9 @@ def gmsh_plane(draw: Callable, h: float, where: str, grading: Sequence[Grading] 
             set_sizes(gmsh, grading, h, where)
         with _as_mesh_error("Gmsh cannot mesh the surface", where):
             gmsh.model.mesh.generate(2)
-        _, xyz, triangles, _ = _gmsh_arrays(gmsh, where)
-    used, triangles = np.unique(triangles, return_inverse=True)  # removes the centres of circles
+        _, xyz, cells, *_ = _gmsh_arrays(gmsh, where)
+    # Removes the centres of circles.
+    used, triangles = np.unique(cells.nodes, return_inverse=True)
     return RawMesh(
         xyz=xyz[used],
         triangles=triangles.reshape(-1, 3),
@@ -125,13 +99,15 @@ def from_geo(path: Path, h: float | None, where: str, grading: Sequence[Grading]
                 gmsh.parser.setNumber("h", [float(h)])
         with _as_mesh_error("Gmsh cannot read the file", where):
             gmsh.merge(str(path))
+        # The file may have set them; quadratic nodes are added on request, in `Cloth`.
+        set_options(gmsh, {"Mesh.ElementOrder": 1, "Mesh.RecombineAll": 0})
         if h is not None:
             _limit_size(gmsh, h, where, uniform=not defines_h and not grading)
             if grading:
                 set_sizes(gmsh, grading, h, where)
         with _as_mesh_error("Gmsh cannot mesh the file", where):
             gmsh.model.mesh.generate(2)
-        mesh = _from_gmsh(gmsh, where)
+        mesh = _from_gmsh(gmsh, where, remedy="Add a Plane Surface.")
     if h is not None and not defines_h:  # a file with its own h may use larger sizes, too
         refuse_coarse(mesh, h, where)
     return mesh
@@ -173,83 +149,83 @@ def from_msh(path: Path, where: str) -> RawMesh:
         with _as_mesh_error("Gmsh cannot read the file", where, remedy):
             gmsh.merge(str(path))
         try:
-            return _from_gmsh(gmsh, where)
+            return _from_gmsh(gmsh, where, _SAVED_GROUPS)
         except UnicodeDecodeError as error:
             byte = f"the byte 0x{error.object[error.start]:02x} in a name"
             raise MeshError(byte, "must be UTF-8 text", where) from None
 
 
-def _gmsh_arrays(gmsh, where: str):
-    """Return the mesh of the current model as four arrays; refuse other cells by `MeshError`.
+def _gmsh_arrays(
+    gmsh, where: str, remedy: str = ""
+) -> tuple[np.ndarray, np.ndarray, Triangles, np.ndarray, np.ndarray]:
+    """Return the mesh of the current model; refuse other cells by `MeshError`.
 
-    The arrays are the node tags (n,) in ascending order, the coordinates (n, 3) [m] in the same
-    order, the triangles (m, 3) as node indices, and the triangle tags (m,). A tag is Gmsh's
-    number of a node or element.
+    These are the node tags (n,) in ascending order, the coordinates (n, 3) [m] in the same
+    order, the triangles, and for each of them the tag of its cell (m,) and of its surface (m,).
+    A tag is Gmsh's number of a node, cell or surface.
     """
     mesh = gmsh.model.mesh
-    other_cells = {}
-    for cell_type in mesh.getElementTypes():
-        if cell_type not in (1, 2, 15):  # Gmsh's numbers of lines, triangles and points
-            type_name = mesh.getElementProperties(cell_type)[0]
-            other_cells[type_name] = len(mesh.getElementsByType(cell_type)[0])
-    check_cells(other_cells, where)
     tags, xyz, _ = mesh.getNodes(returnParametricCoord=False)
     order = np.argsort(tags)
     ids = tags[order].astype(np.int64)
     xyz = xyz.reshape(-1, 3)[order]
-    triangle_ids, vertices = mesh.getElementsByType(2)
-    triangles = np.searchsorted(ids, vertices.astype(np.int64)).reshape(-1, 3)
-    return ids, xyz, triangles, triangle_ids.astype(np.int64)
+    blocks = []
+    cell_ids = [np.empty(0, np.int64)]
+    surfaces = [np.empty(0, np.int64)]
+    for dim, tag in gmsh.model.getEntities():
+        for kind, cell_tags, nodes in zip(*mesh.getElements(dim, tag), strict=True):
+            name, _, _, count, _, corners = mesh.getElementProperties(kind)
+            indices = np.searchsorted(ids, nodes.astype(np.int64)).reshape(-1, count)
+            blocks.append(Cells(name, corners if dim < 3 else 0, indices))
+            if dim == 2:
+                cell_ids.append(cell_tags.astype(np.int64))
+                surfaces.append(np.full(len(cell_tags), tag))
+    triangles = triangles_of(xyz, blocks, where, remedy)
+    ids_of_triangles, surfaces_of_triangles = (
+        np.concatenate(parts)[triangles.cell] for parts in (cell_ids, surfaces)
+    )
+    return ids, xyz, triangles, ids_of_triangles, surfaces_of_triangles
 
 
-def _from_gmsh(gmsh, where: str) -> RawMesh:
+def _from_gmsh(gmsh, where: str, remedy: str) -> RawMesh:
     """Return the mesh of the current model with its physical groups as sets.
 
-    Raises `MeshError` for other cells than triangles, lines and points, and for a physical group
-    that is empty.
+    Raises `MeshError` for cells that a cloth has not, with the `remedy` for a mesh without
+    triangles, and for a physical group that is empty.
     """
     model = gmsh.model
-    ids, xyz, triangles, triangle_ids = _gmsh_arrays(gmsh, where)
-    surfaces = model.getEntities(2)
-    if any(len(model.getPhysicalGroupsForEntity(dim, tag)) > 1 for dim, tag in surfaces):
+    ids, xyz, triangles, triangle_ids, surfaces = _gmsh_arrays(gmsh, where, remedy)
+    nodes = triangles.nodes
+    if any(len(model.getPhysicalGroupsForEntity(2, tag)) > 1 for _, tag in model.getEntities(2)):
         # Format 2.2 has a triangle of several groups several times: the first one stays.
-        first = np.sort(np.unique(triangles, axis=0, return_index=True)[1])
-        triangles = triangles[first]
-        triangle_ids = triangle_ids[first]
+        first = np.sort(np.unique(nodes, axis=0, return_index=True)[1])
+        nodes, triangle_ids, surfaces = nodes[first], triangle_ids[first], surfaces[first]
     node_sets, edge_sets = _gmsh_sets(gmsh, ids, where)
     return RawMesh(
         xyz=xyz,
-        triangles=triangles,
+        triangles=nodes,
         node_sets=node_sets,
         edge_sets=edge_sets,
         node_ids=ids,
         triangle_ids=triangle_ids,
         geometric=np.ones(len(ids), dtype=bool),
-        triangle_sets=_gmsh_regions(gmsh, triangles, ids),
+        triangle_sets=_gmsh_regions(model, surfaces),
+        between=triangles.between,
+        element=triangles.element,
+        notes=triangles.notes,
     )
 
 
-def _gmsh_regions(gmsh, triangles, ids) -> dict[str, np.ndarray]:
+def _gmsh_regions(model, surfaces: np.ndarray) -> dict[str, np.ndarray]:
     """Return the triangle indices of each physical surface, by its name.
 
-    `triangles` (m, 3) are node indices, and `ids` (n,) the ascending tags of the nodes.
-    Triangles are identified by their nodes, because format 2.2 gives a triangle a new number in
-    each group.
+    `surfaces` (m,) are the tags of the surfaces of the triangles.
     """
-    # The key of a triangle is one integer for its three nodes; the keys ascend in this order.
-    order = np.lexsort(triangles.T[::-1])
-    weights = [len(ids) ** 2, len(ids), 1]
-    keys = np.ascontiguousarray(triangles[order].astype(np.int64)) @ weights
-    regions: dict[str, list[np.ndarray]] = {}
-    for dim, tag in gmsh.model.getPhysicalGroups(2):
-        name = gmsh.model.getPhysicalName(dim, tag) or f"surface_{tag}"
-        for surface in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
-            vertices = gmsh.model.mesh.getElementsByType(2, surface)[1].astype(np.int64)
-            group_keys = np.searchsorted(ids, vertices).reshape(-1, 3) @ weights
-            position = np.minimum(np.searchsorted(keys, group_keys), len(keys) - 1)
-            is_found = keys[position] == group_keys
-            regions.setdefault(name, []).append(order[position[is_found]])
-    return {name: np.unique(np.concatenate(parts)) for name, parts in regions.items()}
+    members: dict[str, list[int]] = {}
+    for dim, tag in model.getPhysicalGroups(2):
+        name = model.getPhysicalName(dim, tag) or f"surface_{tag}"
+        members.setdefault(name, []).extend(model.getEntitiesForPhysicalGroup(dim, tag))
+    return {name: np.flatnonzero(np.isin(surfaces, tags)) for name, tags in members.items()}
 
 
 def _gmsh_sets(gmsh, ids, where):
@@ -269,8 +245,10 @@ def _gmsh_sets(gmsh, ids, where):
         nodes.setdefault(name, []).append(np.searchsorted(ids, tags.astype(np.int64)))
         if dim == 1:
             for curve in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
-                ends = gmsh.model.mesh.getElementsByType(1, curve)[1].astype(np.int64)
-                edges.setdefault(name, []).append(np.searchsorted(ids, ends).reshape(-1, 2))
+                for kind, _, ends in zip(*gmsh.model.mesh.getElements(dim, curve), strict=True):
+                    count = gmsh.model.mesh.getElementProperties(kind)[3]
+                    pairs = np.searchsorted(ids, ends.astype(np.int64)).reshape(-1, count)[:, :2]
+                    edges.setdefault(name, []).append(pairs)
     return nodes, edges
 
 
@@ -287,17 +265,6 @@ def _check_no_empty_groups(gmsh, groups, where):
             if name and (dim, tag) not in groups:
                 what = f"physical {kind} group {name!r} is empty"
                 raise MeshError(what, "must contain an entity", where, "Remove or fill it.")
-
-
-def check_cells(counts: dict[str, int], where: str) -> None:
-    """Raise `MeshError` if a file has other cells than 3-node triangles, lines and points.
-
-    `counts` maps the type of those other cells to their number.
-    """
-    if counts:
-        listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-        remedy = "Split quadrilaterals, and mesh with order 1."
-        raise MeshError(f"cells of type {listed}", "must be 3-node triangles", where, remedy)
 
 
 @contextlib.contextmanager

@@ -1,6 +1,7 @@
 """Numbers of nodes and triangles: neighbours close together in memory, pieces as one mesh."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -41,8 +42,15 @@ def renumber_mesh(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
     new_triangles = np.empty(len(triangles), dtype=np.intp)
     new_triangles[old_triangles] = np.arange(len(triangles))
     regions = {name: np.sort(new_triangles[old]) for name, old in mesh.triangle_sets.items()}
-    X = mesh.X[old_nodes]
-    renumbered = FlatMesh(X, triangles[old_triangles], node_sets, edge_sets, regions)
+    renumbered = replace(
+        mesh,
+        X=mesh.X[old_nodes],
+        triangles=triangles[old_triangles],
+        node_sets=node_sets,
+        edge_sets=edge_sets,
+        triangle_sets=regions,
+        start=None if mesh.start is None else mesh.start[old_nodes],
+    )
     return renumbered, old_nodes.astype(np.intp), old_triangles
 
 
@@ -75,10 +83,36 @@ def join_meshes(pieces: Sequence[FlatMesh], names: Sequence[str]) -> FlatMesh:
         edges |= _new_numbers(name, piece.edge_sets, own_nodes)
         regions |= {name: own_triangles} | _new_numbers(name, piece.triangle_sets, own_triangles)
         triangles.append(own_nodes[piece.triangles])
-    X_corners = [piece.X[:count] for piece, count in zip(pieces, corners, strict=True)]
-    X_midpoints = [piece.X[count:] for piece, count in zip(pieces, corners, strict=True)]
-    X = np.concatenate(X_corners + X_midpoints)
-    return FlatMesh(X, np.concatenate(triangles).astype(np.int32), nodes, edges, regions)
+
+    def join(values: list[np.ndarray]) -> np.ndarray:
+        """Return the values of all corners, and then those of all midpoints."""
+        parts = list(zip(values, corners, strict=True))
+        of_corners = [value[:count] for value, count in parts]
+        return np.concatenate(of_corners + [value[count:] for value, count in parts])
+
+    start = None
+    if any(piece.start is not None for piece in pieces):
+        start = join([_start_or_flat(piece) for piece in pieces])
+    return FlatMesh(
+        join([piece.X for piece in pieces]),
+        np.concatenate(triangles).astype(np.int32),
+        nodes,
+        edges,
+        regions,
+        start=start,
+        notes=tuple(
+            f"{name}: {note}"
+            for piece, name in zip(pieces, names, strict=True)
+            for note in piece.notes
+        ),
+    )
+
+
+def _start_or_flat(piece: FlatMesh) -> np.ndarray:
+    """Return the positions (n, 3) of a piece [m], which lies in the plane xy without a start."""
+    if piece.start is not None:
+        return piece.start
+    return np.column_stack([piece.X, np.zeros(len(piece.X))])
 
 
 def _new_numbers(piece: str, sets: dict[str, np.ndarray], new: np.ndarray) -> dict:

@@ -214,7 +214,7 @@ def _make_start(scene: Any, cloth: Cloth, errors_of_key: ErrorsOfKey) -> State:
         if isinstance(scene.cloth, Pieces):
             x = scene.cloth.x(cloth)
         else:
-            x = start.x(cloth.X)
+            x = start.x(cloth.X, cloth.start)
         if (distance := np.abs(x).max()) > FARTHEST:
             # A shift this large is the mistake, whatever the position before it.
             if start.shift and max(map(abs, start.shift)) > FARTHEST:

@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import Field, create_model, model_validator
 
 from fecloth.errors import InputError, amount
+from fecloth.mesh.child_process import TIME_LIMIT
 from fecloth.mesh.cloth import Cloth
-from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.mesh.grading import Grading
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.error_words import MESH_FILE
@@ -78,8 +78,17 @@ class MeshFile(Table):
     """A .geo, .msh, .vtu or other mesh file, relative to the scene."""
     h: Annotated[float | None, LENGTH] = None
     """Edge length of a .geo file [m]."""
-    element: Element = "P1"
+    element: Element | None = None
+    """Linear (P1) or quadratic (P2) triangles. Left out: P2 for a file of quadratic triangles
+    with straight edges, else P1."""
     grading: Gradings = ()
+    merge: bool = False
+    """Make one node of nodes at the same position."""
+    reference: Literal["v", "vt"] | None = None
+    """Of an .obj: the coordinates that are the flat cloth. With "vt" the start is `v`. Left out:
+    "vt" if its edges are as long as those of `v` within 20 %, else "v", which must be flat."""
+    scale: float = Field(1.0, gt=0)
+    """Metres of a unit of the coordinates in the file; with reference = "vt", of `vt` alone."""
 
     remedies: ClassVar = {"file": MESH_FILE}
 
@@ -92,6 +101,9 @@ class MeshFile(Table):
             trust=trust,
             time_limit=time_limit,
             grading=_make_gradings(self.grading),
+            merge=self.merge,
+            reference=self.reference,
+            scale=self.scale,
         )
 
 
@@ -99,7 +111,7 @@ def _make_gradings(tables: tuple) -> tuple[Grading, ...]:
     return tuple(table.make() for table in tables)
 
 
-_START = {"start": (Start, Field(Start(plane="xy"), description="Where the piece starts."))}
+_START = {"start": (Start, Field(Start(), description="Where the piece starts."))}
 Piece: Any = one_of(
     "shape",
     {
@@ -129,11 +141,14 @@ class Pieces(Table):
 
     @model_validator(mode="after")
     def _check_pieces(self):
-        """Raise `InputError` for less than two pieces, P1 beside P2, or a frame as a start."""
+        """Raise `InputError` for less than two pieces, P1 beside P2, or a frame as a start.
+
+        Of pieces whose element their files say, `Cloth.join` refuses P1 beside P2.
+        """
         if len(self.pieces) < 2:
             what = amount(len(self.pieces), "piece")
             raise InputError(what, "must be at least two, or [cloth]")
-        if len({piece.element for piece in self.pieces.values()}) > 1:
+        if len({piece.element for piece in self.pieces.values()} - {None}) > 1:
             raise InputError("pieces of P1 and of P2", "must have one element")
         for name, piece in self.pieces.items():
             if piece.start.frame:
@@ -141,8 +156,8 @@ class Pieces(Table):
         return self
 
     @property
-    def element(self) -> str:
-        """The element of all pieces, "P1" or "P2"."""
+    def element(self) -> str | None:
+        """The element of all pieces, "P1" or "P2"; None if their files say it."""
         return next(iter(self.pieces.values())).element
 
     @property
@@ -173,19 +188,20 @@ class Pieces(Table):
 
     def x(self, cloth: Cloth) -> np.ndarray:
         """Return the positions (n, 3) at the start [m]."""
-        return self._join_values(cloth, "x")
+        x = np.zeros((len(cloth.X), 3))
+        for name, piece in self.pieces.items():
+            nodes = cloth.nodes(name)
+            in_file = None if cloth.start is None else cloth.start[nodes]
+            x[nodes] = piece.start.x(cloth.X[nodes], in_file)
+        return x
 
     def v(self, cloth: Cloth) -> np.ndarray:
         """Return the velocities (n, 3) at the start [m/s]."""
-        return self._join_values(cloth, "v")
-
-    def _join_values(self, cloth: Cloth, name: str) -> np.ndarray:
-        """Return x [m] or v [m/s], by `name`, of all nodes (n, 3), from the pieces' starts."""
-        values = np.zeros((len(cloth.X), 3))
-        for piece, table in self.pieces.items():
-            nodes = cloth.nodes(piece)
-            values[nodes] = getattr(table.start, name)(cloth.X[nodes])
-        return values
+        v = np.zeros((len(cloth.X), 3))
+        for name, piece in self.pieces.items():
+            nodes = cloth.nodes(name)
+            v[nodes] = piece.start.v(cloth.X[nodes])
+        return v
 
 
 def join_pieces(data: dict) -> dict:

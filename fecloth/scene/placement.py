@@ -41,10 +41,11 @@ class Rotation(Table):
 
 
 class Start(Table):
-    """The start: flat in a plane, by formulas of X and Y, or from a frame of an earlier run."""
+    """The start: flat in a plane, as in the mesh file, by formulas of X and Y, or from a frame."""
 
     plane: Literal["xy", "xz", "yz"] | None = None
-    """Flat in this plane, warp and weft along its axes. The default is xy."""
+    """Flat in this plane, warp and weft along its axes. The default is xy, or the positions in
+    space of a mesh file that has them beside flat coordinates."""
     position: tuple[OfPlace, OfPlace, OfPlace] | None = None
     """In place of `plane`: three formulas of X and Y [m]."""
     frame: File | None = None
@@ -56,33 +57,30 @@ class Start(Table):
     velocity: tuple[OfPlace, OfPlace, OfPlace] | None = None
     """Three formulas of X and Y [m/s]. `rotate` does not turn the velocity."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _default(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or {"plane", "position", "frame"} & set(data):
-            return data
-        return {"plane": "xy", **data}
-
     @model_validator(mode="after")
     def _check_one_place(self):
         """Raise `InputError` for several places, or for a change of a frame's x or v."""
-        require_exactly_one(self, "plane", "position", "frame")
+        if self.plane or self.position or self.frame:  # none of them is allowed, too
+            require_exactly_one(self, "plane", "position", "frame")
         changed = [key for key in ("rotate", "shift", "velocity") if getattr(self, key)]
         if self.frame and changed:
             raise InputError(f"{changed[0]} is given", "a frame has its own x and v")
         return self
 
-    def x(self, X: np.ndarray) -> np.ndarray:
+    def x(self, X: np.ndarray, in_file: np.ndarray | None = None) -> np.ndarray:
         """Return the positions (n, 3) [m] at the start of material points X (n, 2) [m].
 
-        They are placed in the plane or by the formulas, then turned, then shifted. A table with
-        a `frame` has no such positions: the frame itself must be read.
+        They are placed in the plane or by the formulas, or by default as `in_file` (n, 3) [m],
+        then turned, then shifted. A table with a `frame` has no such positions: the frame itself
+        must be read.
         """
         if self.position:
             x = _evaluate(self.position, X)
+        elif in_file is not None and not self.plane:
+            x = in_file
         else:
             x = np.zeros((len(X), 3))
-            x[:, _PLANES[cast(str, self.plane)]] = X
+            x[:, _PLANES[self.plane or "xy"]] = X
         if self.rotate:
             x = self.rotate.apply(x)
         if self.shift:

@@ -42,7 +42,8 @@ class Problem(Setup):
 
     def notes(self) -> list[str]:
         """Return lines for the plan of the run: facts that are easily overlooked."""
-        notes = [self.note] if self.note else []
+        notes = [f"note: mesh: {note}" for note in self.cloth.notes]
+        notes += [self.note] if self.note else []
         return notes + [f"note: {doubt}" for doubt in find_doubts(self.planned, NOTES)]
 
     def next_row(self, info: StepInfo) -> Wanted:

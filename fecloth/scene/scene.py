@@ -14,8 +14,8 @@ from typing import Any, Literal
 from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
 from fecloth.errors import InputError, SceneError
+from fecloth.mesh.child_process import TIME_LIMIT
 from fecloth.mesh.cloth import Cloth
-from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.nonlinear.options import Newton
 from fecloth.scene import tables, toml_text
 from fecloth.scene.build import build
@@ -48,8 +48,8 @@ class Scene(Table):
 
     title: str | None = None
     """A name for reports."""
-    mass: Literal["lumped", "consistent"] = "lumped"
-    """How the mass is put on the nodes. The default for P2 is "consistent".
+    mass: Literal["lumped", "consistent"] | None = None
+    """How the mass is put on the nodes. The default is "lumped" for P1, "consistent" for P2.
     Explicit methods need "lumped"."""
     cloth: tables.Shape
     """The cloth: shape and mesh."""
@@ -63,7 +63,7 @@ class Scene(Table):
     """Forces and energies, as [[terms]]; a scene has the terms that it names, and no others."""
     pins: tuple[PinTable, ...] = ()
     """What holds or moves nodes, as [[pins]]."""
-    start: Start = Start(plane="xy")
+    start: Start = Start()
     """Where the cloth starts."""
     time: Time = None  # type: ignore[assignment]  # None if static
     """Method, step and duration of a motion."""
@@ -100,23 +100,21 @@ class Scene(Table):
     def _set_defaults(cls, data: dict[str, Any]) -> dict[str, Any]:
         """Return the tables with tuples for lists, and with the default of `mass`.
 
-        It is "consistent" for P2 elements and "lumped" for P1. Raise `InputError` for a scene
-        with both [time] and [equilibrium].
+        It is "consistent" for P2 elements and "lumped" for P1; of a mesh file that may say the
+        element it is known later. Raise `InputError` for a scene with both [time] and
+        [equilibrium].
         """
         data = as_tuples(data)
         _refuse_time_with_equilibrium(data)
         cloth = data.get("cloth")
         if not isinstance(cloth, dict):  # a mistake, which the field `cloth` refuses
             return data
-        pieces = cloth.get("pieces")
-        table_with_element: Any = cloth
-        if isinstance(pieces, dict):  # all pieces have the same element: the first one tells it
-            table_with_element = next(iter(pieces.values()), {})
-        if isinstance(table_with_element, dict) and table_with_element.get("element") == "P2":
-            mass = "consistent"
-        else:
-            mass = "lumped"
-        data.setdefault("mass", mass)
+        piece: Any = cloth
+        if isinstance(cloth.get("pieces"), dict):  # all have one element: the first one tells it
+            piece = next(iter(cloth["pieces"].values()), {})
+        if not isinstance(piece, dict) or (piece.get("shape") == "file" and "element" not in piece):
+            return data
+        data.setdefault("mass", "consistent" if piece.get("element") == "P2" else "lumped")
         return data
 
     @model_validator(mode="after")
@@ -128,7 +126,7 @@ class Scene(Table):
         require_exactly_one(self, "fabric", "fabrics")
         if self.fabrics == {}:
             raise InputError("fabrics = {}", "must name a region, as in [fabrics.body]")
-        if isinstance(self.cloth, tables.Pieces) and self.start != Start(plane="xy"):
+        if isinstance(self.cloth, tables.Pieces) and self.start != Start():
             remedy = "Write [cloths.NAME.start] for each piece."
             raise InputError("[start] is given", "is for one piece", remedy=remedy)
         names = [probe.name for probe in self.probes]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.meshed import QUAD_T, QUAD_X, areas, rejects
 
+from fecloth.errors import MeshError
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.generate import rectangle
 
@@ -62,17 +63,47 @@ def test_orientation():
     mesh = rectangle(1, 1, 0.25, "right")
     t = mesh.triangles.copy()
     t[[3, 8]] = t[[3, 8]][:, [0, 2, 1]]
-    text = ", ".join(map(str, t[3]))
-    rejects(["2 inverted triangles", f"triangle 3 (nodes {text})", "triangle 8"], mesh.X, t)
-    rejects(["2 inverted triangles", "triangle 3"], mesh.X, t[:, [0, 2, 1]])
+    for some in (t, t[:, [0, 2, 1]]):
+        assert np.array_equal(FlatMesh.from_arrays(mesh.X, some).triangles, mesh.triangles)
+    assert FlatMesh.from_arrays(mesh.X, t).notes[0].startswith("2 of 32 triangles turned")
+    assert mesh.notes == ()
+
+
+@pytest.mark.parametrize("pattern", ["right", "cross", "equilateral"])
+def test_a_tangled_mesh_overlaps_after_its_triangles_are_turned(pattern):
+    mesh = rectangle(1, 1, 0.25, pattern)
+    inner = np.setdiff1d(np.arange(len(mesh.X)), mesh.node_sets["boundary"])
+    for node in inner:
+        X = mesh.X.copy()
+        X[node] += (0.31, 0.17)  # over the triangles around it
+        with pytest.raises(MeshError, match="overlap"):
+            FlatMesh.from_arrays(X, mesh.triangles)
 
 
 def test_only_five_offenders_are_listed():
     mesh = rectangle(1, 1, 0.1, "right")
     t = mesh.triangles.copy()
-    t[:7] = t[:7, [0, 2, 1]]
-    text = rejects(["7 inverted triangles", "triangle 4 ", ", ..."], mesh.X, t)
+    t[:7, 2] = t[:7, 1]
+    text = rejects(["7 triangles with a repeated", "triangle 4 ", ", ..."], mesh.X, t)
     assert "triangle 5 " not in text
+
+
+def test_a_node_in_the_middle_of_an_edge():
+    """Two triangles meet node 4, which the third triangle lacks; so on a side and inside."""
+    X = np.array([*QUAD_X, [0.5, 0.5]])
+    what = ["1 node in the middle of an edge", "node 4", "Split that triangle"]
+    for scale, shift in ((1.0, 0.0), (1e-3, 5.0)):
+        rejects(what, scale * X + shift, [[0, 1, 2], [0, 4, 3], [4, 2, 3]])
+    ring = [[0, 0], [3, 0], [3, 3], [0, 3], [1, 1], [2, 1], [2, 2], [1, 2], [1.5, 1.0]]
+    t = [[0, 1, 4], [1, 5, 4], [1, 2, 5], [2, 6, 5], [2, 3, 6], [3, 7, 6], [3, 0, 7], [0, 4, 7]]
+    inner = [[4, 8, 7], [8, 6, 7], [8, 5, 6]]
+    assert len(FlatMesh.from_arrays(ring[:8], [*t, [4, 5, 6], [4, 6, 7]]).X) == 8
+    rejects(["node 8", "in the middle"], ring, [*t, *inner])
+
+
+def test_a_thin_triangle_on_the_boundary_has_no_node_in_the_middle_of_an_edge():
+    X = [[0, 0], [1, 0], [0.5, 1e-7], [0.5, -1]]
+    assert len(FlatMesh.from_arrays(X, [[0, 1, 2], [1, 0, 3]]).X) == 4
 
 
 def test_duplicate_triangles():

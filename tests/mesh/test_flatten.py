@@ -66,7 +66,33 @@ def test_planes_near_xz_and_yz_get_the_same_axes():
 def test_nodes_off_the_plane_are_rejected_with_their_distance():
     mesh = rectangle(1, 1, 0.25, "right")
     xyz = np.c_[mesh.X, 0 * mesh.X[:, 0]] @ rotation((0.4, 0.2, 0.1)).T
-    FlatMesh.from_arrays(xyz + 1e-10 * np.sin(37 * xyz), mesh.triangles)
+    assert not FlatMesh.from_arrays(xyz, mesh.triangles).notes
+    near = FlatMesh.from_arrays(xyz + 4e-7 * np.sin(37 * xyz), mesh.triangles)
+    assert "away from their plane" in near.notes[0]
+    rejects(["away from the plane"], xyz + 4e-6 * np.sin(37 * xyz), mesh.triangles)
     bump = xyz.copy()
     bump[12] += 0.02 * rotation((0.4, 0.2, 0.1))[:, 2]
-    rejects(["0.019", "away from the plane", "1e-9", "flat"], bump, mesh.triangles, where="s.vtu")
+    rejects(["0.019", "away from the plane", "1e-6", "flat"], bump, mesh.triangles, where="s.vtu")
+
+
+@pytest.mark.parametrize(
+    ("write", "lengths"),
+    [
+        (lambda x: x.astype(np.float32), (0.3, 1.0)),
+        (lambda x: np.round(x, 6), (0.05, 0.3, 1.0)),
+    ],
+)
+@pytest.mark.parametrize("shift", [0.0, 3.0])
+def test_a_tilted_plane_is_flat_to_the_rounding_of_its_numbers(write, lengths, shift):
+    for length in lengths:
+        mesh = rectangle(length, length, length / 4, "right")
+        xyz = np.c_[mesh.X, 0 * mesh.X[:, 0]] @ rotation((0.4, 0.2, 0.1)).T + shift
+        flat = FlatMesh.from_arrays(write(xyz), mesh.triangles)
+        assert areas(flat) == pytest.approx(areas(mesh), rel=1e-4)
+        assert "moved into it" in flat.notes[0]
+
+
+def test_the_rounding_is_at_most_a_ten_thousandth_of_the_extent():
+    """Coordinates of few decimals and a small extent are no reason to flatten a bump."""
+    xyz = 1e-6 * np.array([[0, 0, 0], [9, 0, 0], [9, 9, 1], [0, 9, 0]])
+    rejects(["away from the plane"], xyz, QUAD_T)

@@ -15,7 +15,7 @@ from support.tiers import stories_except
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.errors import InputError, MeshError
-from fecloth.mesh import geo_commands, gmsh_child
+from fecloth.mesh import child_process, geo_commands
 from fecloth.mesh import read as reading
 from fecloth.mesh.geo_commands import check_geo
 from fecloth.mesh.read import read
@@ -54,9 +54,26 @@ EVIL = [  # the lines after the square, and the name that the refusal must have
     ("Exit;", "Exit in line 6"),
     ("Abort;", "Abort in line 6"),
     ("Sleep 1e9;", "Sleep in line 6"),
-    ("Macro Evil\nSystemCall %s;\nReturn\nCall Evil;", "Macro in line 6"),
-    ("Function Evil\nSystemCall %s;\nReturn", "Function in line 6"),
-    ("Call Evil;", "Call in line 6"),
+    ('x = 1; Printf("%g", x) > "CANARY";', "Printf in line 6"),
+    ('Printf(Sprintf("x")) >> "CANARY";', "Printf in line 6"),
+    ('Printf("x"', "Printf in line 6"),
+    ('SystemCall Printf("x"); %s;', "SystemCall in line 6"),
+    ("Macro Evil\nSystemCall %s;\nReturn\nCall Evil;", "SystemCall in line 7"),
+    ("Function Evil\nSystemCall %s;\nReturn", "SystemCall in line 7"),
+    ("Macro SystemCall\nx = 1;\nReturn\nSystemCall %s;", "SystemCall in line 9"),
+    ("Macro Evil\nxReturn = 1;\nReturn", "xReturn in line 7"),
+    ("Return SystemCall %s;", "SystemCall in line 6"),
+    ("Call Evil;", "Evil in line 6"),
+    ("x = Call;", "Call in line 6"),
+    ("SystemCall Sprintf(%s);", "SystemCall in line 6"),
+    ("s = Sprintf(%s);", "the text"),
+    ("s = Sprintf(Str(%s));", "Sprintf in line 6"),
+    ('Physical Point(Sprintf("%d", 1)) = {1};', "the text"),
+    ('Physical Point(Sprintf("%n", 1)) = {1};', "the text"),
+    ('Physical Point(Sprintf("%300g", 1)) = {1};', "the text"),
+    ('Physical Point(Sprintf("%.99g", 1)) = {1};', "the text"),
+    ('Physical Point("it\'s") = {1};', "the text"),
+    ('Hide "CANARY";', "the text"),
     ("For i In {1:1}\nSystemCall %s;\nEndFor", "SystemCall in line 7"),
     ("If (1)\nSystemCall %s;\nEndIf", "SystemCall in line 7"),
     ("If (0)\nElse\nSystemCall %s;\nEndIf", "SystemCall in line 8"),
@@ -144,6 +161,29 @@ ORDINARY = {
         Spline(11) = {11, 12, 13}; BSpline(12) = {13, 11}; Line(13) = {11, 12};
         Curve{13} In Surface{1}; Transfinite Curve {1, 3} = 5 Using Progression 1.1;
         Delete { Curve{11, 12}; } Coherence;""",
+    "terminal": """
+        Printf("New curves '%g' and %g; For the last time", 1, 2);
+        If (h < 1) Printf(Sprintf("h = %g", h)); EndIf""",
+    "macros": """
+        Macro Spot
+          p1 = newp; Point(p1) = {x, y, 0, h / 4}; Point{p1} In Surface{1}; k = k + 1;
+          Physical Point(Sprintf("hole %g", k)) = {p1};
+        Return
+        Function Unused
+          y = y + k;
+        Return
+        k = 0; x = 0.3; y = 0.4;
+        Call Spot;
+        x = 0.7;
+        Call Spot;
+        Call Unused;""",
+    "ranges": """
+        n[] = {1 ... 4}; Physical Curve("rim") = {n[]}; Physical Point("p") = {1 ... 4};
+        Hide {:} Show { Surface{1}; } Hide "*";
+        b[] = BoundingBox Surface{1}; q[] = Point In BoundingBox {-1, -1, -1, 0.5, 2, 1};
+        Physical Point("left") = {q[]};""",
+    "formulas": """
+        Field[1] = MathEval; Field[1].F = Sprintf("0.2 + %g * x", h); Background Field = 1;""",
     "extrusion": 'out[] = Extrude {0, -1, 0} { Curve{-1}; }; Physical Surface("skirt") = {out[1]};',
 }
 OCC = """SetFactory("OpenCASCADE");
@@ -280,6 +320,34 @@ def test_ordinary_files_are_allowed_and_meshed_as_they_are(folder, text):
     assert checked.node_sets.keys() == trusted.node_sets.keys()
 
 
+def test_macros_and_sprintf_make_the_groups_that_they_name(folder):
+    mesh = read(written(folder, SQUARE + ORDINARY["macros"] + "\n", "plain.geo"))
+    holes = [mesh.X[mesh.node_sets[f"hole {k}"]].tolist() for k in (1, 2)]
+    assert holes == [[[0.3, 0.4]], [[0.7, 0.4]]]
+    mesh = read(written(folder, SQUARE + ORDINARY["ranges"] + "\n", "plain.geo"))
+    assert mesh.X[mesh.node_sets["left"]].tolist() in ([[0, 0], [0, 1]], [[0, 1], [0, 0]])
+    assert len(mesh.node_sets["p"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("word", "suggested"),
+    [
+        ("Surfce", "Surface"),
+        ("plane", "Plane"),
+        ("Transfinit", "Transfinite"),
+        ("Include", ""),
+        ("Merge", ""),
+        ("Save", ""),
+    ],
+)
+def test_only_near_words_are_suggested(word, suggested):
+    with pytest.raises(MeshError) as caught:
+        check_geo(f"{word} 1;", "a.geo")
+    message = str(caught.value)
+    assert ("Did you mean" in message) == bool(suggested)
+    assert suggested in message
+
+
 @pytest.mark.stories
 def test_the_other_kernel(folder):
     mesh = read(written(folder, OCC, "plain.geo"))
@@ -374,7 +442,7 @@ def test_the_child_ends_with_a_killed_parent(folder):
 
 @pytest.mark.stories
 def test_a_crash_of_gmsh_is_an_error(folder, monkeypatch):
-    monkeypatch.setattr(gmsh_child.sys, "executable", "/bin/false")
+    monkeypatch.setattr(child_process.sys, "executable", "/bin/false")
     with pytest.raises(MeshError, match="reading has ended without a mesh"):
         read(written(folder, SQUARE, "plain.geo"))
 
@@ -383,7 +451,7 @@ def test_a_confined_child_writes_no_file(folder):
     """The second wall: even a command that the check overlooked would find its file empty."""
     written(folder, SQUARE + 'Printf("x") > "CANARY";\n')
     task = {"geo": str(folder / "evil.geo"), "h": None, "confined": True}
-    gmsh_child.in_child(task, "evil.geo")
+    child_process.in_child(task, "evil.geo")
     assert not any(os.path.getsize(folder / name) for name in made(folder))
 
 

@@ -8,9 +8,10 @@ from fecloth import validation
 from fecloth.errors import InputError, MeshError
 from fecloth.mesh.edge_slopes import EdgeSlopes
 from fecloth.mesh.geo_commands import check_geo
-from fecloth.mesh.gmsh_import import RawMesh, refuse_coarse
+from fecloth.mesh.gmsh_import import refuse_coarse
 from fecloth.mesh.grading import Grading
 from fecloth.mesh.hinges import HalfEdges
+from fecloth.mesh.raw_mesh import RawMesh
 from fecloth.mesh.surface import count_intersections
 
 

@@ -1,6 +1,7 @@
 """fecloth export: a run for other programs, read back with their own libraries."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ import pytest
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.output.frame_reader import Series, straight
-from fecloth.view.export import _changes, node_normals, texture_coordinates
+from fecloth.view.export import _changes
+from fecloth.view.exported_run import node_normals, texture_coordinates
 
 
 @pytest.fixture(scope="module", params=["P1", "P2"])
@@ -62,11 +64,14 @@ def test_usd_has_the_positions_normals_and_texture_at_their_times(run, tmp_path)
     for i, t in enumerate(times):
         points, triangles, u = cloth_of(run, i)
         assert np.allclose(mesh.GetPointsAttr().Get(50 * t), points, atol=1e-7)
-        indices = np.array(mesh.GetFaceVertexIndicesAttr().Get(50 * t)).reshape(-1, 3)
-        assert np.array_equal(indices, triangles)
-        assert set(mesh.GetFaceVertexCountsAttr().Get(50 * t)) == {3}
+        for code in (50 * t, Usd.TimeCode.Default()):
+            indices = np.array(mesh.GetFaceVertexIndicesAttr().Get(code)).reshape(-1, 3)
+            assert np.array_equal(indices, triangles)
+            assert list(mesh.GetFaceVertexCountsAttr().Get(code)) == [3] * len(triangles)
         normals = mesh.GetNormalsAttr().Get(50 * t)
         assert np.allclose(normals, node_normals(points, triangles), atol=1e-6)
+    assert not mesh.GetFaceVertexIndicesAttr().ValueMightBeTimeVarying()
+    assert not mesh.GetFaceVertexCountsAttr().GetTimeSamples()
     assert mesh.GetNormalsInterpolation() == "vertex"
     st = Geom.PrimvarsAPI(mesh).GetPrimvar("st")
     assert st.GetInterpolation() == "vertex"
@@ -76,7 +81,8 @@ def test_usd_has_the_positions_normals_and_texture_at_their_times(run, tmp_path)
     assert np.allclose(np.linalg.norm(away, axis=1), 0.1, atol=1e-6)
     outwards = np.einsum("ni,ni->n", away, np.array(ball.GetNormalsAttr().Get(0)))
     assert outwards.min() > 0.09
-    assert len(ball.GetPointsAttr().GetTimeSamples()) == 1  # it does not move
+    assert not ball.GetPointsAttr().GetTimeSamples()  # it does not move
+    assert ball.GetNormalsInterpolation() == "vertex"
 
 
 def test_obj_files_have_the_frames(run, tmp_path):
@@ -96,6 +102,51 @@ def test_obj_files_have_the_frames(run, tmp_path):
     assert np.array_equal(corners[..., 0], corners[..., 1])
     assert (corners.min(), corners.max()) == (len(points), len(v) - 1)
     assert np.allclose(np.linalg.norm(v[len(points) :] - [0.5, 0.25, -0.2], axis=1), 0.1)
+
+
+def test_obj_files_at_a_rate_lie_between_the_frames(run, tmp_path):
+    """The frames are at 0, 0.02, 0.04 and 0.05 s; 100 files a second are at 0, 0.01, … 0.05 s."""
+    files = fc.export(run, tmp_path / "cloth.obj", fps=100)
+    assert len(files) == 6
+    frames = [cloth_of(run, i)[0] for i in range(4)]
+    expected = [frames[0], (frames[0] + frames[1]) / 2, frames[1], (frames[1] + frames[2]) / 2]
+    for file, x in zip(files, [*expected, frames[2], frames[3]], strict=True):
+        v = [line.split()[1:] for line in file.read_text().splitlines() if line[:2] == "v "]
+        assert np.allclose(np.array(v, float)[: len(x)], x, atol=1e-6)
+    assert len(fc.export(run, tmp_path / "slow.obj", fps=30)) == 2  # at 0 and 1/30 s
+
+
+def test_each_piece_of_a_cloth_is_a_mesh(tmp_path):
+    Usd, Geom = pytest.importorskip("pxr.Usd"), pytest.importorskip("pxr.UsdGeom")
+    pieces = [fc.Cloth.rectangle(w, 1.0, h=0.5, pattern="right", element="P2") for w in (1.0, 2.0)]
+    cloth = fc.Cloth.join(pieces, names=["front", "back"])
+    system = fc.System(cloth, fc.Fabric(0.2, 1e3, 0.3), [fc.StVK()])
+    state = replace(system.rest(), t=0.5, x=system.rest().x + 0.5 * (cloth.X[:, :1] > 0.9))
+    fc.write_vtk(tmp_path / "out", cloth, [system.rest(), state])
+    fc.export(tmp_path / "out", tmp_path / "cloth.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "cloth.usda"))
+    assert [str(p.GetName()) for p in stage.GetPrimAtPath("/World").GetChildren()] == [
+        "Cloth_1",
+        "Cloth_2",
+    ]
+    text = fc.export(tmp_path / "out", tmp_path / "cloth.obj")[1].read_text()
+    assert [line for line in text.splitlines() if line[:2] == "o "] == ["o cloth_1", "o cloth_2"]
+    v = np.array([line.split()[1:] for line in text.splitlines() if line[:2] == "v "], float)
+    faces = [line.split()[1:] for line in text.splitlines() if line[:2] == "f "]
+    corners = np.array([[corner.split("/") for corner in face] for face in faces], int) - 1
+    assert len(np.unique(corners[..., 0])) == len(v) == len(cloth.X)
+    first = 0
+    for number, (name, piece) in enumerate(zip(["front", "back"], pieces, strict=True), 1):
+        nodes = cloth.nodes(name)
+        mesh = Geom.Mesh(stage.GetPrimAtPath(f"/World/Cloth_{number}"))
+        for code, x in ((0.0, system.rest().x), (12.0, state.x)):
+            assert np.allclose(mesh.GetPointsAttr().Get(code), x[nodes], atol=1e-6)
+        indices = np.array(mesh.GetFaceVertexIndicesAttr().Get())
+        assert len(indices) == 3 * 4 * len(piece.triangles)
+        assert np.array_equal(np.unique(indices), np.arange(len(nodes)))
+        assert len(Geom.PrimvarsAPI(mesh).GetPrimvar("st").Get()) == len(nodes)
+        assert np.allclose(v[first : first + len(nodes)], state.x[nodes], atol=1e-6)
+        first += len(nodes)
 
 
 def test_an_obstacle_that_moves_or_changes_has_all_times():
@@ -126,7 +177,7 @@ def test_texture_coordinates_keep_the_shape():
         ("cloth.abc", [], r"must end in .usda or .obj"),
         ("cloth.usda", ["--fps", "0"], r"fps = 0.0: must be finite and > 0"),
         ("cloth.usda", ["--fps", "inf"], r"must be finite and > 0"),
-        ("cloth.obj", ["--fps", "24"], r"applies only to a .usda"),
+        ("cloth.obj", ["--fps", "0"], r"fps = 0.0: must be finite and > 0"),
     ],
 )
 def test_what_is_wrong_is_said(run, tmp_path, capsys, name, more, words):
