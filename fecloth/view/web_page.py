@@ -9,7 +9,6 @@ says so.
 import base64
 import json
 import math
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -22,6 +21,7 @@ from fecloth.errors import InputError, amount
 from fecloth.output import frame_reader
 from fecloth.output.atomic_files import replace_file
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
+from fecloth.quantities import toml_file
 from fecloth.view import checker_pattern
 
 
@@ -159,7 +159,7 @@ def _scene_of(folder: Path) -> dict:
     """Return the tables of the scene that was run; {} for other folders."""
     scene = folder / "scene.resolved.toml"
     if scene.is_file():
-        return tomllib.loads(scene.read_text(encoding="utf-8"))
+        return toml_file.parse(scene.read_text(encoding="utf-8"))
     return {}
 
 
