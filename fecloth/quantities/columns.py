@@ -142,8 +142,8 @@ def _read_csv(path: Path, where: str) -> DataTable:
     """Return the table in a CSV file; empty lines, and lines that begin with #, are left out.
 
     Raises `InputError`, with the place `where`, for a file that cannot be read, is larger than
-    `MOST_BYTES` or has fewer than two lines, for semicolons between the names, and for a line with more or fewer cells than the
-    first.
+    `MOST_BYTES` or has fewer than two lines, for semicolons between the names, and for a line
+    with more or fewer cells than the first.
     """
     if problem := file_problem(path):
         raise InputError(problem[0], "must be a CSV file", where, problem[1])

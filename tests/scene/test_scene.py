@@ -410,7 +410,7 @@ MISTAKES = [
     ("terms.1={type='HingeBending'}", "(It is the second [[terms]], HingeBending, line 15.)", ""),
     ("cloth={file='x.msh'}", "cloth.shape is missing", 'path = "sheet.msh"'),
     ("cloth={shape='file', file='x.msh'}", "cloth.file = 'x.msh': unknown", 'path = "sheet.msh"'),
-    ("pins.1.inside='X > -1'", "pins: node 0 is held by more than one pin", ""),
+    ("pins.1.inside='X > -1'", "both hold node 0, at (0, 0) m", ""),
     ("start.velocity=['1/X', '0', '0']", "start.velocity: formula '1/X' is inf at X = 0", ""),
     # files
     ("start.frame='nope.vtu'", "start.frame = 'nope.vtu': ", "no such file"),
