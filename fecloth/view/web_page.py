@@ -50,6 +50,7 @@ SHOWN = (
     "contact_pressure",
     "slip",
 )
+ROUND_OFF = 1e-9  # over the other end of a colour bar; an end that is smaller is 0
 CLIPPED_PERCENT = 0.5  # of the values beyond each end of a colour bar, so that no peak sets it
 # The camera is in front and to the side, and higher up if the cloth is flat.
 AZIMUTH = math.radians(-62.0)
@@ -266,9 +267,20 @@ def _field(name: str, values: np.ndarray, nodes: int) -> dict:
         "count": values.shape[1],
         "low": low,
         "high": high,
-        "shown": np.percentile(values, [CLIPPED_PERCENT, 100 - CLIPPED_PERCENT]).tolist(),
+        "shown": colour_range(values),
         "values": _to_16_bits(values, low, high),
     }
+
+
+def colour_range(values: np.ndarray) -> tuple[float, float]:
+    """Return the ends of a colour bar: all but a few of the values lie between them.
+
+    An end that is round-off beside the other one is 0.
+    """
+    percents = [CLIPPED_PERCENT, 100 - CLIPPED_PERCENT]
+    low, high = (float(end) for end in np.percentile(values, percents))
+    round_off = ROUND_OFF * max(abs(low), abs(high))
+    return low if abs(low) > round_off else 0.0, high if abs(high) > round_off else 0.0
 
 
 def _to_16_bits(values, low, high) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fecloth import terms
+from fecloth.simulation.doubts.accepted import accepts_term, join_accepted
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.system.system import System
@@ -129,7 +130,10 @@ def find_springs_of_another_fabric(run: PlannedRun) -> Iterator[Doubt]:
             "the fabric in a stretch along X, along Y and in shear: a net is a material of its "
             "own, and no finer mesh changes that"
         )
-        remedy = 'use StVK, or kind = "biquadratic" for an isotropic fabric'
+        biquadratic = terms.Springs(kind="biquadratic")
+        remedy = join_accepted(
+            {"use StVK": True, 'kind = "biquadratic"': accepts_term(system, biquadratic)}
+        )
         yield Doubt(DoubtKind.TERMS, words, remedy)
 
 
