@@ -101,14 +101,14 @@ class Constraints:
         nodes, first, times = np.unique(held, return_index=True, return_counts=True)
         if (times > 1).any():
             node = int(nodes[times > 1][0])
-            names = [name for name, (_, nodes) in groups.items() if node in nodes]
+            first_pin, second_pin = [name for name in groups if node in groups[name][1]][:2]
             X, Y = cloth.X[node]
             what = (
-                f"the pins {names[0]!r} and {names[1]!r} both hold node {node}, at "
+                f"the pins {first_pin!r} and {second_pin!r} both hold node {node}, at "
                 f"({X:.6g}, {Y:.6g}) m"
             )
             allowed = "each node may belong to one pin"
-            remedy = _remedy_for_two_pins(*names[:2], groups, cloth.X[node])
+            remedy = _remedy_for_two_pins(first_pin, second_pin, groups, cloth.X[node])
             raise InputError(what, allowed, "System(pins=...)", remedy)
         projectors = [np.zeros((0, 3, 3))]
         for pin, its_nodes in groups.values():
