@@ -276,10 +276,10 @@ SYSTEM = [
     (lambda: system(pins=["lft"]), "node set 'lft'.* Did you mean 'left'"),
     (lambda: system(pins=[fc.Pin("lft")]), "node set 'lft'.* Did you mean 'left'"),
     (lambda: system(pins=[fc.Pin(lambda X: X[:, 0] > 9)]), "no node is selected"),
-    (lambda: system(pins=["left", "boundary"]), "both hold node"),
+    (lambda: system(pins=["left", "boundary"]), "held by more than one pin"),
     (
         lambda: system(pins=["left", fc.Slide("bottom", normal=(0, 1, 0))]),
-        r"both hold node \d+, at",
+        r"node \d+ is held by more than one pin",
     ),
     (lambda: system(mass="diagonal"), "mass = 'diagonal'"),
     (lambda: system().state(system().rest().x, t=NAN), r"t = nan: must be finite"),

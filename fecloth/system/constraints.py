@@ -101,14 +101,9 @@ class Constraints:
         nodes, first, times = np.unique(held, return_index=True, return_counts=True)
         if (times > 1).any():
             node = int(nodes[times > 1][0])
-            first_pin, second_pin = [name for name in groups if node in groups[name][1]][:2]
-            X, Y = cloth.X[node]
-            what = (
-                f"the pins {first_pin!r} and {second_pin!r} both hold node {node}, at "
-                f"({X:.6g}, {Y:.6g}) m"
-            )
+            what = f"node {node} is held by more than one pin"
             allowed = "each node may belong to one pin"
-            remedy = _remedy_for_two_pins(first_pin, second_pin, groups, cloth.X[node])
+            remedy = _remedy_for_two_pins(node, groups, cloth)
             raise InputError(what, allowed, "System(pins=...)", remedy)
         projectors = [np.zeros((0, 3, 3))]
         for pin, its_nodes in groups.values():
@@ -220,30 +215,28 @@ class Constraints:
         return sparse.csc_matrix((data, (rows, columns)), shape=shape)
 
 
-def _remedy_for_two_pins(first: str, second: str, groups: dict, place: np.ndarray) -> str:
-    """Return the sentence that says how to hold a node, at `place` (2,), as two groups do.
+def _remedy_for_two_pins(node: int, groups: dict, cloth: Cloth) -> str:
+    """Return the sentence that says how to hold a node as two groups together do.
 
     That is by a slide along the line that both allow, or by a pin if they allow none. If one of
     the groups alone holds it so, it is enough to leave the node out of the other one.
     """
-    projectors = [groups[name][0].projector for name in (first, second)]
-    values, vectors = np.linalg.eigh(sum(projectors))
+    names = [name for name, (_, nodes) in groups.items() if node in nodes]
+    first, second = (groups[name][0].projector for name in names[:2])
+    values, vectors = np.linalg.eigh(first + second)
     allowed_by_both = vectors[:, values > 2 - 1e-9].T  # both projectors keep these directions
-    X, Y = place
-    how = (
-        "(in Python by np.setdiff1d(cloth.nodes(…), …), in a scene by inside = "
-        f'"… and abs(X - {X:.9g}) + abs(Y - {Y:.9g}) > 1e-6")'
-    )
-    if len(allowed_by_both) == 2 or not all(projector.any() for projector in projectors):
-        return f"Leave it out of one of them {how}."
-    both = f"Leave it out of both {how}, and"
+    if len(allowed_by_both) == 2 or not (first.any() and second.any()):
+        return "Leave it out of one of the groups."
+    X, Y = cloth.X[node]
+    both = f"Leave it out of both, {names[0]!r} and {names[1]!r}, and"
     if not len(allowed_by_both):
-        return f"{both} hold it by a Pin of its own."
+        return f"{both} hold it, at ({X:.6g}, {Y:.6g}) m, by a Pin of its own."
     # the line with its largest component 1, and without −0
     line = allowed_by_both[0] / abs(allowed_by_both[0]).max()
     line = [float(c) for c in np.round(line * np.sign(line[abs(line).argmax()]), 9) + 0.0]
     return (
-        f"{both} let it slide by a third Slide with direction = {line}, the line that both allow."
+        f"{both} let it, at ({X:.6g}, {Y:.6g}) m, slide by a third Slide with direction = "
+        f"{line}, the line that both allow."
     )
 
 

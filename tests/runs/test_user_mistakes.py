@@ -64,11 +64,6 @@ REFUSED = {
     "missing mesh": ("cloth={shape='file', path='a.msh'}", "'a.msh'", "no such file. Look into /"),
     "mesh nearby": ("cloth={shape='file', path='shet.toml'}", "no such", "mean 'sheet.toml'?"),
     "a circle": ("cloth.shape=circle", "cloth.shape = 'circle'", "mean 'disk'?"),
-    "two pins on a corner": (
-        "pins=[{where='left'}, {where='bottom'}]",
-        "the pins 'left' and 'bottom' both hold node",
-        "abs(X - 0) + abs(Y - 0) > 1e-6",
-    ),
     "a load without a value": (
         "terms.2={type='Pressure', pressure='sqrt(0.05 - t)'}",
         "pressure of Pressure: formula 'sqrt(0.05 - t)' is nan at t = 0.052: must be finite",
@@ -111,12 +106,6 @@ UNITS = {
     "µN m": ("fabric.bending_rigidity=20", "If you meant µN m, write 2e-05"),
     "ms": ("time.dt=2", "If you meant ms, write 0.002"),
 }
-
-
-def test_the_way_out_of_two_pins_on_a_corner_can_be_taken(scene, capsys):
-    condition = "Y < 1e-6 and abs(X - 0) + abs(Y - 0) > 1e-6"
-    pins = f"pins=[{{where='left'}}, {{inside='{condition}'}}]"
-    assert run_and_read(capsys, "--set", pins, "--set", "time.t_end=0.004")[0] == 0
 
 
 def test_a_force_without_a_value_where_the_cloth_comes_is_named(scene, capsys):

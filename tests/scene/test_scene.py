@@ -410,7 +410,7 @@ MISTAKES = [
     ("terms.1={type='HingeBending'}", "(It is the second [[terms]], HingeBending, line 15.)", ""),
     ("cloth={file='x.msh'}", "cloth.shape is missing", 'path = "sheet.msh"'),
     ("cloth={shape='file', file='x.msh'}", "cloth.file = 'x.msh': unknown", 'path = "sheet.msh"'),
-    ("pins.1.inside='X > -1'", "both hold node 0, at (0, 0.5) m", ""),
+    ("pins.1.inside='X > -1'", "pins: node 0 is held by more than one pin", ""),
     ("start.velocity=['1/X', '0', '0']", "start.velocity: formula '1/X' is inf at X = 0", ""),
     # files
     ("start.frame='nope.vtu'", "start.frame = 'nope.vtu': ", "no such file"),
@@ -449,7 +449,7 @@ def test_method_and_step_are_chosen_where_both_are_left_out(file):
 
 def test_remedy_for_a_node_of_two_slides_works(file):
     given = "pins=[{where='left', normal=[1, 0, 0]}, {where='bottom', normal=[0, 1, 0]}%s]"
-    line = "let it slide by a third Slide with direction = [0.0, 0.0, 1.0]"
+    line = "at (0, 0) m, slide by a third Slide with direction = [0.0, 0.0, 1.0]"
     assert line in refusal(file, given % "")
     remedy = given.replace("where='left'", "inside='X < 1e-9 and Y > 1e-9'")
     remedy = remedy.replace("where='bottom'", "inside='Y < 1e-9 and X > 1e-9'")
