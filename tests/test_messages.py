@@ -256,6 +256,14 @@ TERMS = [
 ]
 
 SYSTEM = [
+    (lambda: fc.System(ISOTROPIC, cloth(), []), "cloth = a Fabric: must be such as Cloth.rect"),
+    (lambda: fc.System(None, ISOTROPIC, []), "cloth = None: must be such as Cloth.rectangle"),
+    (
+        lambda: fc.Cloth.from_arrays(
+            cloth().X, cloth().triangles, sets={"top": cloth().X[:, 1] > 0}
+        ),
+        r"set 'top' .* type bool: must be integers.* np\.flatnonzero\(mask\)",
+    ),
     *(
         (lambda term=term: system(fc.StVK(), term), rf"System\(terms=...\): term {term!r}: must be")
         for term in (3, "StVK", None)
@@ -367,6 +375,11 @@ METHODS = [
     (lambda: march(fc.BDF2(), dt=None), "dt = None: must be a number .*let Adaptive"),
     (lambda: march(fc.BDF2(), dt=-1.0), "dt = -1.0: must be finite and > 0"),
     (lambda: march(t_end=0.0), "t_end = 0.0: must be finite and > 0"),
+    *(
+        (lambda t_end=t_end: march(t_end=t_end), "t_end = .*: must be a number")
+        for t_end in ([0.1], "0.1", np.array([0.1]), np.array([0.05, 0.1]))
+    ),
+    (lambda: march(dt=np.array(0.01)), "dt = array.*: must be a number"),
     (lambda: march(fc.EnergyMomentum("exact"), solver="pcg"), "symmetric matrices only"),
     (
         lambda: march(fc.CentralDifference(), 1e-4, system(fc.StVK(), mass="consistent")),

@@ -33,7 +33,7 @@ def load_adapter(text: str) -> dict:
     sys.path.insert(0, str(Path(file).resolve().parent))  # it may import files beside it
     try:
         run = (module := runpy.run_path(file))[function]
-    except Exception as error:  # whatever is wrong in a file of the user
+    except (Exception, SystemExit) as error:  # whatever is wrong in a file of the user
         allowed = f"must be FILE.py:FUNCTION, and fails with {type(error).__name__}: {error}"
         raise InputError(f"--adapter {text!r}", allowed, "bench") from error
     validation.function(text, run, "my.py:run", "bench")

@@ -33,14 +33,13 @@ def cache_folder() -> str:
     user = os.getuid() if os.name == "posix" else ""
     folders = [Path(os.path.realpath(base)) / name for base in bases if base]
     folders.append(Path(os.path.realpath(tempfile.gettempdir())) / f"{name}-{user}")
-    writable = [folder for folder in folders if _make(folder)]
-    for folder in writable:
-        if can_be_trusted(folder):
+    for folder in folders:
+        if _make(folder) and can_be_trusted(folder):
             return str(folder)
-    folder = Path(tempfile.mkdtemp(prefix="fecloth-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    _warn_of(writable)
-    return str(folder)
+    own_folder = Path(tempfile.mkdtemp(prefix="fecloth-"))
+    atexit.register(shutil.rmtree, own_folder, ignore_errors=True)
+    _warn_of(folders)
+    return str(own_folder)
 
 
 def can_be_trusted(folder: Path) -> bool:
@@ -95,12 +94,18 @@ def _make(folder: Path) -> bool:
 
 
 def _warn_of(folders: list[Path]) -> None:
-    """Warn of `folders` that can be written but not be trusted; without any, do nothing."""
-    if folders:
-        names = ", ".join(map(str, folders))
-        message = (
-            f"machine code is compiled anew for this process: other users can change what is in "
-            f"{names}. Remove it, and take the right to write from group and others on the "
-            f"folders above it (chmod go-w), or set NUMBA_CACHE_DIR to a folder of your own."
-        )
-        warnings.warn(message, RuntimeWarning, stacklevel=2)
+    """Warn of `folders`, none of which can hold machine code: say of each why not."""
+    reasons = []
+    for folder in folders:
+        if os.access(folder, os.W_OK):
+            reasons.append(f"other users can change what is in {folder}")
+        elif folder.exists():
+            reasons.append(f"{folder} cannot be written and may be of another user")
+        else:
+            reasons.append(f"{folder} cannot be made")
+    message = (
+        f"machine code is compiled anew for this process: {', '.join(reasons)}. Set "
+        "NUMBA_CACHE_DIR to a folder of your own; or remove these folders, and take the right to "
+        "write from group and others on the folders above (chmod go-w)."
+    )
+    warnings.warn(message, RuntimeWarning, stacklevel=2)

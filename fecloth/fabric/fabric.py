@@ -1,7 +1,6 @@
 """The measured constants of a fabric."""
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -13,6 +12,7 @@ from fecloth import validation
 from fecloth.errors import InputError, brief, did_you_mean, is_number
 from fecloth.fabric import instruments, presets
 from fecloth.fabric.uncertainty import Uncertainty
+from fecloth.quantities import toml_file
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import AREAL, HYSTERESIS, MOMENT, PER_ANGLE, PER_WIDTH
 
@@ -383,12 +383,7 @@ def constants_in(path: str | Path) -> dict[str, Any]:
     """
     names = [constant.name for constant in fields(Fabric)]
     where = "Fabric.read"
-    try:
-        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror})", where=where) from None
-    except (ValueError, RecursionError) as error:  # also text that is not UTF-8, or deep nesting
-        raise InputError(f"{path} is not TOML ({error})", where=where) from None
+    tables = toml_file.read(path)
     if not isinstance(table := tables.get("fabric"), dict):
         raise InputError(f"{path} has no table [fabric]", f"of {', '.join(names)}", where)
     for key in sorted(table.keys() - set(names)):

@@ -131,7 +131,10 @@ class Cloth:
         element: str = "P1",
         grading: Sequence[Grading] = (),
     ) -> "Cloth":
-        """Mesh a disk around the origin by Gmsh with edge length `h` [m]; node set: boundary."""
+        """Mesh a disk around the origin by Gmsh with edge length `h` [m]; node set: boundary.
+
+        Edges are straight, also of P2: whatever has a round border converges with order 2.
+        """
         return cls._from_mesh(generate.disk(radius, h, grading), element)
 
     @classmethod

@@ -23,7 +23,8 @@ def validated_indices(
         raise MeshError(f"set {name!r} is empty", allowed, where, "Remove or fill it.")
     if values.dtype.kind not in "iu" or values.ndim != len(columns) + 1:
         what = f"set {name!r} has shape {values.shape} and type {values.dtype}"
-        raise MeshError(what, f"must be integers, {1 + len(columns)} axes", where)
+        remedy = "Write np.flatnonzero(mask)." if values.dtype == bool else ""
+        raise MeshError(what, f"must be integers, {1 + len(columns)} axes", where, remedy)
     if values.shape[1:] != columns:
         raise MeshError(f"edge set {name!r} has shape {values.shape}", "must be (k, 2)", where)
     out_of_range = values[(values < 0) | (values >= n)]

@@ -1,6 +1,7 @@
 """Reading of the frames of a finished or running run: times, triangles, fields.
 
-Users choose a field by one word, a key of `FIELDS` (`fecloth view`, `fecloth render`).
+Users choose a field by one word: a key of `FIELDS`, or for `fecloth render` an array of the
+frames.
 Quadratic triangles are cut into four straight ones.
 """
 
@@ -98,19 +99,45 @@ FIELDS = {
 }
 
 
-def field_values(frame: Frame, name: str) -> np.ndarray:
-    """Return the values of a field of `FIELDS`, one per node (n,) or per triangle (m,).
+def names_of(frame: Frame) -> list[str]:
+    """Return the names that `field_of` knows."""
+    return list(dict.fromkeys([*FIELDS, *filter(None, _arrays(frame))]))
 
+
+def field_of(frame: Frame, name: str) -> Field:
+    """Return the field of a name: a key of `FIELDS`, or an array of the frame.
+
+    Of an array of vectors it is their length, of another array with columns the largest one.
     Raises `InputError` for an unknown name, and for a field whose array the frame lacks.
     """
-    known(f"field {name!r}", name, FIELDS)
-    field = FIELDS[name]
-    arrays = {**frame.point_data, **frame.cell_data, "": frame.points}
-    if field.array not in arrays:
-        available = ", ".join(key for key, item in FIELDS.items() if item.array in arrays)
-        remedy = f"There are {available}."
+    arrays = _arrays(frame)
+    if name not in FIELDS and name in arrays and name:
+        units = [field.unit for field in FIELDS.values() if field.array == name]
+        return Field(name.replace("_", " "), next(iter(units), ""), name, _one_number)
+    known(f"field {name!r}", name, names_of(frame))
+    if FIELDS[name].array not in arrays:
+        available = (key for key, field in FIELDS.items() if field.array in arrays)
+        remedy = f"There are {', '.join(available)}."
         raise InputError(f"field {name!r}", "is not in these frames", remedy=remedy)
-    return field.of(arrays[field.array])
+    return FIELDS[name]
+
+
+def field_values(frame: Frame, name: str) -> np.ndarray:
+    """Return the values of a field, one per node (n,) or per triangle (m,); see `field_of`."""
+    field = field_of(frame, name)
+    return field.of(_arrays(frame)[field.array])
+
+
+def _arrays(frame: Frame) -> Arrays:
+    """Return the arrays of a frame by name; the positions have the name ""."""
+    return {**frame.point_data, **frame.cell_data, "": frame.points}
+
+
+def _one_number(values: np.ndarray) -> np.ndarray:
+    """Return one number for each row: itself, the length of three, the largest of others."""
+    if values.ndim == 1:
+        return values
+    return _norm(values) if values.shape[1] == 3 else values.max(axis=1)
 
 
 def drawable(values: np.ndarray) -> np.ndarray:

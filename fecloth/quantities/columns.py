@@ -15,6 +15,8 @@ from fecloth.quantities.units import Dimension
 from fecloth.validation import file_problem
 
 _HEAD = re.compile(r"\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*")
+_WORDS = re.compile(r"[^\W\d]\w*([ -]\w+)*")
+MOST_BYTES = 20_000_000  # of a file; it takes ten seconds and some hundred MB of memory
 COMMAS = "write commas between columns, and decimal points"
 PLAIN = {"": 1.0, "-": 1.0, "1": 1.0, "%": 1e-2}  # units of numbers without a dimension
 # By SI unit; of several dimensions with this unit the first.
@@ -85,8 +87,12 @@ class DataTable:
         number.
         """
         if name not in self.cells:
-            allowed = f"is not in the file, which has {', '.join(self.cells)}"
-            remedy = did_you_mean(name, self.cells)
+            shown = [other for other, (_, cells) in self.cells.items() if _is_name(other, cells)]
+            if shown:
+                allowed = f"is not in the file, which has {', '.join(shown)}"
+            else:
+                allowed = "is not in the file, which has no column of numbers with a name"
+            remedy = did_you_mean(name, shown)
             raise InputError(f"column {name!r}", allowed, self.where, remedy)
         unit, cells = self.cells[name]
         with errors_of(self.where):
@@ -135,12 +141,14 @@ def read_table(data: str | Path | Mapping[str, Sequence[float]], label: str) -> 
 def _read_csv(path: Path, where: str) -> DataTable:
     """Return the table in a CSV file; empty lines, and lines that begin with #, are left out.
 
-    Raises `InputError`, with the place `where`, for a file that cannot be read or has fewer than
-    two lines, for semicolons between the names, and for a line with more or fewer cells than the
-    first.
+    Raises `InputError`, with the place `where`, for a file that cannot be read, is larger than
+    `MOST_BYTES` or has fewer than two lines, for semicolons between the names, and for a line
+    with more or fewer cells than the first.
     """
     if problem := file_problem(path):
         raise InputError(problem[0], "must be a CSV file", where, problem[1])
+    if (size := path.stat().st_size) > MOST_BYTES:
+        raise InputError(f"has {size} bytes", f"must have at most {MOST_BYTES}", where)
     # "utf-8-sig" leaves out the mark with which some programs begin a file in UTF-8.
     content = path.read_text(encoding="utf-8-sig", errors="replace")
     numbered_lines = [
@@ -172,10 +180,26 @@ def _make_table(
     a head of another form, and for two columns of one name.
     """
     cells: dict[str, tuple[str | None, Sequence[Any]]] = {}
-    for head, values in columns:
+    for number, (head, values) in enumerate(columns, 1):
         match = _HEAD.fullmatch(head)
         if not match or match["name"] in cells:
+            what = f"the head of column {number}"
+            if match and _is_name(match["name"], values):
+                what += f", {head!r},"
             allowed = "must be a name of its own, with its unit: name [unit]"
-            raise InputError(f"column {head!r}", allowed, where)
+            raise InputError(what, allowed, where)
         cells[match["name"]] = match["unit"], values
     return DataTable(where, cells, lines)
+
+
+def _is_name(head: str, cells: Sequence[Any]) -> bool:
+    """Return whether messages may have a head: it is words, and numbers stand below it.
+
+    A scene from elsewhere may name any file, such as one with passwords; of its text nothing
+    goes into messages and logs.
+    """
+    try:
+        float(cells[0])
+    except (TypeError, ValueError, IndexError):
+        return False
+    return bool(_WORDS.fullmatch(head))

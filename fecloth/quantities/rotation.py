@@ -69,6 +69,10 @@ class Rotation:
     def _unit(self) -> np.ndarray:
         return validation.direction("axis", self.axis, "Rotation")
 
+    def at(self, t: float) -> float:
+        """Return the angle at the time t [s], in rad."""
+        return float(self._angle(t))
+
     def matrix(self, t: float, since: float | None = None) -> np.ndarray:
         """(3, 3) rotation by the angle at the time t [s], or by its change `since` a time."""
         angle = self._angle(t)

@@ -51,7 +51,8 @@ class TimeFunction:
         if callable(self.parts):
             value = np.asarray(self.parts(t), dtype=float)
         else:
-            value = _at(self._components, t).reshape(self.shape)
+            with errors_of(self.where, f"{self.name}: "):
+                value = _at(self._components, t).reshape(self.shape)
         if value.shape != self.shape or not np.isfinite(value).all():
             allowed = "must be finite" + (f" and of shape {self.shape}" if self.shape else "")
             raise InputError(f"{self.name}({t:g}) = {value!r}", allowed, self.where)

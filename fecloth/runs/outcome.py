@@ -170,6 +170,8 @@ def failure_message(outcome: SceneResult) -> str:
     folder = outcome.folder
     unit = outcome.summary["unit"]
     cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "
+    if not folder.is_dir():
+        return f"{cause}{folder} was removed during the run, and nothing of it is left"
     words = f"{cause}{folder} is readable up to {place_in_words(outcome.summary['t'], unit)}"
     if not outcome.error or isinstance(outcome.error, WriteError):
         if outcome.resumes is None:

@@ -8,7 +8,6 @@ numbers read back as the same float64.
 import hashlib
 import io
 import json
-import tomllib
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -20,6 +19,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.linalg.mkl_pardiso import threads
 from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
+from fecloth.quantities import toml_file
 from fecloth.runs.environment import versions
 from fecloth.scene.toml_text import flatten
 from fecloth.simulation.account import Accounts
@@ -213,8 +213,8 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
     the keys that differ. The keys that do not change a motion (`FREE`) may differ, and so may
     `time.t_end`, but the run must not be beyond it.
     """
-    values_then = flatten(tomllib.loads(restart.scene))
-    values_now = flatten(tomllib.loads(scene))
+    values_then = flatten(toml_file.parse(restart.scene))
+    values_now = flatten(toml_file.parse(scene))
     changes = []
     for key in {**values_then, **values_now}:  # a dict, for the order of the keys
         may_differ = key.split(".")[0] in FREE or key == "time.t_end"

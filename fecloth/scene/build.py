@@ -23,6 +23,7 @@ from fecloth.scene.placement import PinTable
 from fecloth.scene.probe_tables import read_measured, refuse_unknown
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Time
+from fecloth.simulation.defined_in_time import refuse_undefined
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.on_request import on_request
@@ -91,6 +92,8 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         output=scene.output,
     )
     _check_columns(scene, problem, probes, errors_of_key)
+    with errors_of_key(""):
+        refuse_undefined(problem.planned)
     return problem
 
 

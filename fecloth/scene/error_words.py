@@ -16,6 +16,17 @@ from fecloth.errors import InputError, MeshError, SceneError, did_you_mean
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth")
 _ITEM = re.compile(r"(terms|pins|probes)\.(\d+)")
 MESH_FILE = 'A mesh file is given by shape = "file" and path = "sheet.msh".'
+OTHER_NAMES = {
+    "circle": "disk",
+    "round": "disk",
+    "square": "rectangle",
+    "sheet": "rectangle",
+    "mesh": "file",
+    "ball": "Sphere",
+    "cube": "Box",
+    "floor": "Plane",
+}
+"""What else a kind of table is called; the names of kinds that are alike need no entry."""
 _KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
 
@@ -112,7 +123,7 @@ def _describe_wrong_kind(key: str, value: Any, name: str, kinds: str) -> Mistake
         return Mistake(what, f"must be a table with the key {name}", remedy)
     # This may be a key where a name can replace the table, such as time.method = "BDF3".
     if isinstance(value, str):
-        return Mistake(what, allowed, did_you_mean(value, known_kinds))
+        return Mistake(what, allowed, _meant(value, known_kinds))
     if not isinstance(value, dict):
         return Mistake(what, f"must be a table whose {name} is one of {kinds}")
     if name not in value:
@@ -120,13 +131,21 @@ def _describe_wrong_kind(key: str, value: Any, name: str, kinds: str) -> Mistake
         remedy = MESH_FILE if name == "shape" else ""
         return Mistake(f"{key}.{name} is missing", allowed, remedy)
     own_kind = value[name]
-    remedy = did_you_mean(own_kind, known_kinds)
+    remedy = _meant(own_kind, known_kinds)
     is_name = isinstance(own_kind, str) and own_kind.isidentifier()
     # It may be the user's own class of a term, which only Python can add.
     if is_name and key.startswith("terms") and not key.endswith(".shape"):
         call = f'fc.load_scene("….toml", terms={{"{own_kind}": {own_kind}}})'
         remedy = f"{remedy} For a term of your own: {call}.".strip()
     return Mistake(f"{key}.{name} = {shorten(own_kind)}", allowed, remedy)
+
+
+def _meant(name: Any, kinds: list[str]) -> str:
+    """Return the remedy "Did you mean ...?" with one of the kinds of a table, or ""."""
+    other = OTHER_NAMES.get(str(name).lower())
+    if other in kinds:
+        return f"Did you mean {other!r}?"
+    return did_you_mean(name, kinds)
 
 
 def with_key(key: str, error: InputError, value: Any = None) -> str:

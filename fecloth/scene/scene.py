@@ -17,6 +17,7 @@ from fecloth.errors import InputError, SceneError
 from fecloth.mesh.child_process import TIME_LIMIT
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.options import Newton
+from fecloth.quantities import toml_file
 from fecloth.scene import tables, toml_text
 from fecloth.scene.build import build
 from fecloth.scene.cloth_tables import join_pieces
@@ -306,7 +307,7 @@ def load_scene(
     data = override(toml_text.read(path), overrides)
     source = f"{path} with {', '.join(overrides)}" if overrides else str(path)
     scene_class = Scene
-    text = toml_text.text(path)
+    text = toml_file.text(path)
     if terms:  # a class of scenes that may also have terms of these types
         any_term: Any = tables.terms_with(terms)[1]  # the type of a table of any term
         scene_class = create_model("Scene", __base__=Scene, terms=(tuple[any_term, ...], ()))

@@ -1,69 +1,24 @@
-"""Reading and writing of TOML files."""
+"""The tables of a scene: read from a file, written as TOML, with values replaced."""
 
 import copy
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
-from fecloth.errors import SceneError
+from fecloth.errors import InputError, SceneError
+from fecloth.quantities import toml_file
 from fecloth.quantities.units import is_quantity
-from fecloth.validation import file_problem
-
-MOST_BYTES = 1_000_000  # of a file: a scene has some kilobytes, so a larger file is a mistake
 
 
 def read(path: str | Path) -> dict:
-    """Return the tables of a TOML file; raise `SceneError` if it cannot be read."""
-    path = Path(path)
-    content = text(path)
+    """Return the tables of the file of a scene; raise `SceneError` if it cannot be read."""
     try:
-        return tomllib.loads(content)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and endless integers
-        remedy = _toml_remedy(str(error))
-        raise SceneError(f"not TOML ({error})", where=str(path), remedy=remedy) from None
-
-
-def _toml_remedy(problem: str) -> str:
-    """Return what to do about the usual mistakes in TOML, or "".
-
-    `problem` is the message of `tomllib`, whose words tell the mistake.
-    """
-    unclosed = ("Unterminated string", r"Illegal character '\n'", 'Expected "\'"')
-    if any(words in problem for words in unclosed):
-        return "A text has no closing quotation mark."
-    if match := re.search(r"Cannot declare \('(terms|pins|probes)',\) twice", problem):
-        return f"Write [[{match[1]}]], with two brackets, above each of them."
-    if "Expected newline or end of document after a statement" in problem:
-        return 'A text has quotation marks, also a number with a unit: h = "5 cm".'
-    return ""
-
-
-def text(path: Path) -> str:
-    """Return the text of the file of a scene.
-
-    Raise `SceneError` if there is no such file, if it has more than `MOST_BYTES`, and if it
-    cannot be read or is not UTF-8.
-    """
-    where = str(path)
-    if problem := file_problem(path):
-        reason, remedy = problem
-        raise SceneError(reason, "must be a scene file", where, remedy)
-    try:
-        size = path.stat().st_size
-        if size > MOST_BYTES:
-            raise SceneError(f"has {size} bytes", f"a scene has at most {MOST_BYTES}", where)
-        data = path.read_bytes()
-    except OSError as error:
-        raise SceneError(f"cannot be read ({error.strerror})", where=where) from None
-    try:
-        return data.decode("utf-8-sig")  # editors on Windows add a byte order mark
-    except UnicodeDecodeError as error:
-        what = f"is not UTF-8 text (byte {error.start})"
-        raise SceneError(what, "must be a scene in TOML", where) from None
+        return toml_file.read(path, "a scene file")
+    except InputError as error:
+        raise SceneError(error.what, error.allowed, error.where, error.remedy) from None
 
 
 def to_toml(data: dict) -> str:
@@ -168,8 +123,8 @@ def _parse_override(text: str) -> tuple[list[str], object]:
         raise SceneError("no key=value", 'write it like "time.dt=0.005"', where)
     keys = _parse_key(key, where)
     try:
-        (value,) = tomllib.loads(f"value = {value}").values()
-    except (ValueError, RecursionError) as error:
+        (value,) = toml_file.parse(f"value = {value}").values()
+    except ValueError as error:
         if not (_WORD.fullmatch(value) or is_quantity(value)):
             raise SceneError(f"value {value!r} is not TOML ({error})", where=where) from None
     return keys, value
@@ -178,8 +133,8 @@ def _parse_override(text: str) -> tuple[list[str], object]:
 def _parse_key(key: str, where: str) -> list[str]:
     """Return the parts of a dotted key, by TOML's own rules; else raise `SceneError`."""
     try:
-        return _keys(tomllib.loads(f"{key} = 0"))
-    except (ValueError, RecursionError) as error:
+        return _keys(toml_file.parse(f"{key} = 0"))
+    except ValueError as error:
         raise SceneError(f"key {key!r} is not a dotted key ({error})", where=where) from None
 
 

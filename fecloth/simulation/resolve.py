@@ -115,7 +115,7 @@ def choose_steps(
         return StabilityLimited(method)
     if dt is None and tolerances is not None:
         return Adaptive(method, **tolerances)
-    if isinstance(dt, list | tuple | np.ndarray):
+    if isinstance(dt, list | tuple) or (isinstance(dt, np.ndarray) and dt.ndim):
         return GivenSteps(method, tuple(dt))
     return FixedStep(method, dt)  # type: ignore[arg-type]  # it refuses None
 

@@ -21,6 +21,7 @@ from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.answer import Answer, answer_quantities, places_of
 from fecloth.simulation.beyond_curve import BeyondCurve
 from fecloth.simulation.contact import Contact
+from fecloth.simulation.defined_in_time import refuse_undefined
 from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.doubts.before_run import find_doubts
 from fecloth.simulation.doubts.doubt import Doubt, in_words
@@ -265,7 +266,9 @@ def run(
     record = recording.trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
-    foreseen = tuple(find_doubts(PlannedRun(system, opening, steps, ends)))
+    planned = PlannedRun(system, opening, steps, ends)
+    refuse_undefined(planned)
+    foreseen = tuple(find_doubts(planned))
     for doubt in foreseen:
         warnings.warn(str(doubt), FeclothWarning, stacklevel=3)
     if memory is None:  # `march` checks and warns only without a memory

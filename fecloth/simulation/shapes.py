@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fecloth.integrators.protocol import chooses_method
 from fecloth.linalg.reductions import rms
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.dimensionless import mean_edge
@@ -110,7 +111,7 @@ class Shapes(Account):
             intersecting=intersecting,
             step=step,
             pairs=pairs,
-            intersection=doubt_intersections(state.t, pairs),
+            intersection=doubt_intersections(run, state.t, pairs),
             counted=counted,
         )
         row["compressed"] = compressed_share(run.system, cells)
@@ -135,7 +136,7 @@ class Shapes(Account):
             largest_stretch=shape.largest_stretch,
             inverted=shape.inverted,
             intersecting=pairs,
-            intersection=doubt_intersections(end.state.t, pairs, "at"),
+            intersection=doubt_intersections(run, end.state.t, pairs, "at"),
             wrinkles=wrinkles,
             at_end=shape,
         )
@@ -179,7 +180,9 @@ def find_wrinkles(system: System, state: State, moved: float) -> Doubt | None:
     return doubt_wrinkles(system, compressed_share(system, cells), rough, angle, height)
 
 
-def doubt_intersections(t: float, pairs: float | None, since: str = "from") -> Doubt | None:
+def doubt_intersections(
+    run: Run, t: float, pairs: float | None, since: str = "from"
+) -> Doubt | None:
     """Return a doubt if pairs of triangles intersect at t [s]."""
     if not pairs or math.isnan(pairs):
         return None
@@ -187,9 +190,11 @@ def doubt_intersections(t: float, pairs: float | None, since: str = "from") -> D
         f"the cloth passes through itself {since} t = {t:g} s ({pairs:.0f} pairs of triangles "
         "intersect); without SelfContact no layer rests on another"
     )
+    takes_contact = run.method.traits.has_difference or chooses_method(run.method)
+    method = "" if takes_contact else " and take BDF2"
     remedy = (
-        "trust the motion up to there, add that term, or place the cloth so that its layers do "
-        "not meet"
+        f"trust the motion up to there, add that term{method}, or place the cloth so that its "
+        "layers do not meet"
     )
     return Doubt(DoubtKind.INTERSECTION, words, remedy)
 

@@ -74,10 +74,11 @@ def step_times(t: float, dt: float, t_end: float | None, stops: Sequence[float] 
     Raises `InputError` for times as `end_times`, for more than `MOST_STEPS` steps, and for a dt
     that the floating-point time does not resolve.
     """
-    if problem := coarse_clock(max(abs(t), abs(t_end or 0.0)), dt):
+    targets = end_times(t, t_end, stops)
+    if problem := coarse_clock(max(abs(t), abs(targets[-1])), dt):
         raise InputError(f"dt = {dt:g} s", problem, "march", EARLIER)
     pieces = []
-    for target in end_times(t, t_end, stops):
+    for target in targets:
         steps = count_steps(target - t, dt)
         if steps > MOST_STEPS:
             allowed = f"makes {steps:.2g} steps, and must make at most {MOST_STEPS:.0e}"

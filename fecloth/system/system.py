@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth import validation
 from fecloth.compiled.team import Team
 from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
@@ -111,6 +112,9 @@ class System:
         *,
         threads="auto",
     ):
+        validation.instance(
+            "cloth", cloth, Cloth, "Cloth.rectangle(1.0, 1.0, h=0.05), before the fabric", "System"
+        )
         terms = _check_list(terms, "terms", "StVK()", protocol.is_description)
         pins = _check_list(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
         mass = cloth.usual_mass if mass is None else mass

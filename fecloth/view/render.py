@@ -1,6 +1,6 @@
 """fecloth render DIR -o FILE: draw a run as a movie (.mp4, .gif) or a picture (.png).
 
-The cloth shows a field of `frame_reader.FIELDS` or a checker pattern. Its shadow lies below it,
+The cloth shows a field of `frame_reader.field_of` or a checker pattern. Its shadow lies below it,
 and the camera is placed so that the whole motion fits. No display is needed,
 only the extra [view]: PyVista, and imageio with its ffmpeg for .mp4.
 """
@@ -25,7 +25,7 @@ from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.validation import known
 from fecloth.view import checker_pattern
 from fecloth.view.checker_pattern import CHECKS
-from fecloth.view.web_page import CLIPPED_PERCENT, View, ground_of, unit_of, view_of
+from fecloth.view.web_page import View, colour_range, ground_of, unit_of, view_of
 
 SUFFIXES = (".mp4", ".gif", ".png")
 # Limits of the frame rate of a movie in real time: slower ones are slides, faster ones not seen.
@@ -47,13 +47,15 @@ class Shot:
     Attributes
     ----------
     field
-        A name of `frame_reader.FIELDS`, or "checks".
+        A name that `frame_reader.field_of` knows, or "checks".
     view
         Direction of the camera.
     distance
         Distance of the camera [m].
     colours
         Values at the ends of the colour bar; None for the checker pattern.
+    title
+        What stands at the colour bar.
     ground
         Height of the ground [m].
     size
@@ -64,6 +66,7 @@ class Shot:
     view: View
     distance: float
     colours: tuple[float, float] | None
+    title: str
     ground: float
     size: tuple[int, int]
 
@@ -88,7 +91,8 @@ def render(
     target
         A .mp4 or .gif of all frames, or a .png of one frame.
     field
-        A name of `frame_reader.FIELDS`, or "checks" for squares along warp and weft.
+        A name of `frame_reader.FIELDS`, an array of the frames, or "checks" for squares along
+        warp and weft.
     size
         Width and height [pixels], even numbers for a .mp4.
     fps
@@ -97,8 +101,10 @@ def render(
         Time [s] of the frame of a .png; the nearest frame is drawn, by default the last frame.
     """
     target = Path(target)
-    _check_arguments(target, field, size, fps, time)
+    _check_arguments(target, size, fps, time)
     series = frame_reader.Series.open(folder)
+    names = frame_reader.names_of(series.read(0))
+    known(f"field {field!r}", field, [*names, CHECKS])
     shot = _shot(series, field, size)
     frames: Sequence[int] = range(len(series.times))
     if target.suffix == ".png":
@@ -114,12 +120,11 @@ def render(
     return target
 
 
-def _check_arguments(target: Path, field, size, fps, time) -> None:
+def _check_arguments(target: Path, size, fps, time) -> None:
     """Raise `InputError` for arguments of `render` that are out of range or do not fit.
 
     Only a .mp4 needs even sides, because its colours are stored for squares of 2 × 2 pixels.
     """
-    known(f"field {field!r}", field, (*frame_reader.FIELDS, CHECKS))
     if target.suffix not in SUFFIXES:
         raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
     is_odd = any(side % 2 for side in size)
@@ -210,10 +215,12 @@ def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Sho
     high = np.max(highs, axis=0)
     view = view_of(low, high)
     colours = None
+    title = ""
     if values:
-        drawn = frame_reader.clip_to_drawable(np.concatenate(values))
         # A few extreme triangles must not take all colours.
-        colours = tuple(np.percentile(drawn, [CLIPPED_PERCENT, 100 - CLIPPED_PERCENT]))
+        colours = colour_range(frame_reader.clip_to_drawable(np.concatenate(values)))
+        drawn = frame_reader.field_of(frame, field)
+        title = f"{drawn.title} [{drawn.unit}]" if drawn.unit else drawn.title
     width, height = size
     obstacles_at_ends = [read_obstacles(series.folder, i) for i in (0, len(series.times) - 1)]
     return Shot(
@@ -221,6 +228,7 @@ def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Sho
         view=view,
         distance=_camera_distance(view, np.concatenate(points), width / height),
         colours=colours,
+        title=title,
         ground=ground_of(low, high, obstacles_at_ends),
         size=size,
     )
@@ -354,16 +362,12 @@ def _colour_bar(shot: Shot) -> dict:
     It takes a third of the width of a wide picture, and up to 0.8 of a tall picture. The fonts
     have their usual size in a picture of 1280 × 720 pixels.
     """
-    field = frame_reader.FIELDS[shot.field]
     width, height = shot.size
     share = min(0.8, 0.34 * max(1.0, 16 / 9 * height / width))  # of the width
     # The fonts must fit into the height of the picture and into the width of the bar.
     scale = min(height / 720, share * width / (0.34 * 1280))
-    title = field.title
-    if field.unit:
-        title += f" [{field.unit}]"
     return {
-        "title": title,
+        "title": shot.title,
         "color": "#1b2027",
         "n_labels": 2,
         "fmt": "%.4g",

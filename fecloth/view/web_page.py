@@ -9,7 +9,6 @@ says so.
 import base64
 import json
 import math
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -22,6 +21,7 @@ from fecloth.errors import InputError, amount
 from fecloth.output import frame_reader
 from fecloth.output.atomic_files import replace_file
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
+from fecloth.quantities import toml_file
 from fecloth.view import checker_pattern
 
 
@@ -50,6 +50,7 @@ SHOWN = (
     "contact_pressure",
     "slip",
 )
+ROUND_OFF = 1e-9  # over the other end of a colour bar; an end that is smaller is 0
 CLIPPED_PERCENT = 0.5  # of the values beyond each end of a colour bar, so that no peak sets it
 # The camera is in front and to the side, and higher up if the cloth is flat.
 AZIMUTH = math.radians(-62.0)
@@ -159,7 +160,7 @@ def _scene_of(folder: Path) -> dict:
     """Return the tables of the scene that was run; {} for other folders."""
     scene = folder / "scene.resolved.toml"
     if scene.is_file():
-        return tomllib.loads(scene.read_text(encoding="utf-8"))
+        return toml_file.parse(scene.read_text(encoding="utf-8"))
     return {}
 
 
@@ -266,9 +267,20 @@ def _field(name: str, values: np.ndarray, nodes: int) -> dict:
         "count": values.shape[1],
         "low": low,
         "high": high,
-        "shown": np.percentile(values, [CLIPPED_PERCENT, 100 - CLIPPED_PERCENT]).tolist(),
+        "shown": colour_range(values),
         "values": _to_16_bits(values, low, high),
     }
+
+
+def colour_range(values: np.ndarray) -> tuple[float, float]:
+    """Return the ends of a colour bar: all but a few of the values lie between them.
+
+    An end that is round-off beside the other one is 0.
+    """
+    percents = [CLIPPED_PERCENT, 100 - CLIPPED_PERCENT]
+    low, high = (float(end) for end in np.percentile(values, percents))
+    round_off = ROUND_OFF * max(abs(low), abs(high))
+    return low if abs(low) > round_off else 0.0, high if abs(high) > round_off else 0.0
 
 
 def _to_16_bits(values, low, high) -> str:

@@ -17,6 +17,12 @@
 #
 # A node far from the pins falls freely until the cloth between them is taut. This method lets it
 # fall too deep, by $g\,t\,\Delta t/2$: 7.4 mm at $t = 0.15$ s. Which step would make it 1 mm?
+#
+# <details><summary>Answer</summary>
+#
+# 1.4 ms: $\Delta t=2\cdot1\,\mathrm{mm}/(g\,t)$.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

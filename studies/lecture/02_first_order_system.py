@@ -18,6 +18,13 @@
 # gives the same motion: halving its step divides the difference by four.
 #
 # This cloth is as soft as a thin sheet of rubber. Which of the two suffers more from a stiffer one?
+#
+# <details><summary>Answer</summary>
+#
+# The general solver. It is explicit: its steps shrink as $1/\sqrt Y$ with the stiffness $Y$. The
+# midpoint rule is stable at every step.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

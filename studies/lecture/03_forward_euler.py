@@ -18,6 +18,13 @@
 # the error at a given time, which is of first order.
 #
 # So a small $h$ makes the error small, yet no $h$ is stable. How does damping change this?
+#
+# <details><summary>Answer</summary>
+#
+# A mode that decays as $e^{-\delta t}$ is stable for $h<2\delta/\omega^2$. Damping of the strain
+# rate with the time $\tau$ has $\delta=\tau\omega^2/2$: every vibration is stable for $h<\tau$.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

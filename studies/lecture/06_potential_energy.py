@@ -12,14 +12,26 @@
 #
 # $$f = -\frac{\partial E}{\partial x}.$$
 #
-# Two consequences are tested. Central differences of $E$ agree with $f$, with an error of order
-# $\varepsilon^2$ until round-off takes over. And on a closed path, which leads the cloth back to
-# where it began, these forces do no work: $\oint f \cdot \mathrm{d}x = 0$.
+# Two consequences are tested. Central differences of $E$ agree with $f$ to order $\varepsilon^2$,
+# until round-off takes over. And on a closed path these forces do no work:
+# $\oint f \cdot \mathrm{d}x = 0$.
 #
-# The wind has no potential: it does work on this path, however slowly the cloth moves. Damping has
-# none either: it depends on the velocity, and its work is negative on every path.
+# Other forces have no potential. Air of velocity $u$ pushes a triangle, of area $A$ and normal
+# $n$, by
+#
+# $$f=-A\,(k_n|w_n|\,w_n\,n+k_t|w_t|\,w_t),$$
+#
+# with the parts $w_n$ along $n$ and $w_t$ across it of $w=v-u$. It does work on this path, however
+# slowly the cloth moves. A user's force $q(x,v,t)$ per area gives a node with the area $A_a$
+# $f_a=A_a\,q$. Damping takes energy on every path.
 #
 # Could weight drive a windmill?
+#
+# <details><summary>Answer</summary>
+#
+# No. A turn of the mill is a closed path, on which weight does no work.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt
@@ -85,4 +97,19 @@ assert abs(closed["elasticity, weight"]) < 1e-9
 assert abs(work(wind, speed=1e-6)[-1]) > 0.05 * np.abs(works["wind"]).max()
 M = damping.mass.diagonal()  # ∮ −2 v·M dx with v = 0.1 dx/ds
 assert np.isclose(works["damping"][-1], -0.2 * np.pi * M @ (a**2 + b**2).ravel(), rtol=1e-9)
+air = fc.System(cloth, fabric, [fc.Wind((5.0, 0.0, 2.0), normal=0.7, tangential=0.1)])
+corners = (x0 + a)[cloth.triangles]
+N = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # 2 A n
+A = np.linalg.norm(N, axis=1, keepdims=True) / 2
+n, w = N / (2 * A), b[cloth.triangles].mean(axis=1) - [5.0, 0.0, 2.0]
+w_n = np.sum(w * n, axis=1, keepdims=True)
+w_t = w - w_n * n
+f = -A * (0.7 * abs(w_n) * w_n * n + 0.1 * np.linalg.norm(w_t, axis=1, keepdims=True) * w_t)
+at_nodes = np.zeros_like(x0)
+np.add.at(at_nodes, cloth.triangles, f[:, None] / 3)  # a third to each corner
+assert np.allclose(air.force(air.state(x0 + a, b)), at_nodes, rtol=1e-12, atol=1e-14)
+user = fc.System(cloth, fabric, [fc.UserForce(("-3*vx", "x*z", "2*t"))])
+q = np.column_stack([-3 * b[:, 0], x0[:, 0] * x0[:, 2], 0.5 + 0 * X])  # at t = 0.25 s
+areas = M[::3, None] / 0.2  # of the nodes, from their mass
+assert np.allclose(user.force(user.state(x0, b, t=0.25)), areas * q, rtol=1e-12, atol=1e-14)
 print("work left at the end", {name: round(float(w), 9) for name, w in closed.items()})

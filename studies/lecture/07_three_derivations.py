@@ -20,6 +20,12 @@
 # agree; differences have no meaning. Bilinear squares have other rows.
 #
 # On which mesh is $s$ negative?
+#
+# <details><summary>Answer</summary>
+#
+# Where the two angles opposite to an edge have a sum above 180°: on a mesh that is not Delaunay.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

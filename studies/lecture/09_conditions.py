@@ -20,6 +20,12 @@
 #
 # As $k\to\infty$ both reach $C=0$, and explicit steps shrink as $1/\sqrt k$. Which power of $a$
 # would make the published condition a fabric?
+#
+# <details><summary>Answer</summary>
+#
+# $C=\sqrt a\,(|w|-1)$: then the energy is proportional to the area, as a fabric's is.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

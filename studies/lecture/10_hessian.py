@@ -21,6 +21,12 @@
 # $K_1^{-1}K_2$, where $K_1$ and $K_2$ are the two terms.
 #
 # To what kind of point does a step lead where $K$ is indefinite?
+#
+# <details><summary>Answer</summary>
+#
+# To a saddle point of the quadratic model, where the energy is not the least.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

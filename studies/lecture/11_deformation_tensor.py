@@ -15,7 +15,8 @@
 #
 # The Gram matrix $d^Td$ has the products of the edges, which are lengths and angles. So
 # $C_2=F^TF-I_2$ does not change when the cloth turns. The entries of $C_3=FF^T-I_3$ turn with it.
-# Yet both make the same force, since
+# With the constant matrix $(D^TD)^{-1}=\mathrm{adj}(D^TD)/\det(D)^2$ of the flat triangle,
+# $FF^T=d\,(D^TD)^{-1}d^T$. Yet both make the same force, since
 #
 # $$\|C_3\|^2=\|C_2\|^2+1,$$
 #
@@ -24,6 +25,12 @@
 #
 # Left are 100 random triangles, right one triangle that turns. Which of the two conditions would
 # you compute with?
+#
+# <details><summary>Answer</summary>
+#
+# $C_2$: it has three different entries in place of six, and no turn of the cloth changes them.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt
@@ -72,6 +79,12 @@ for ax, columns in ((compare, 1), (over_angle, 2)):
     ax.legend(ncols=columns)
 
 # %%
+(p, q), (_, r) = D.T @ D  # the constant matrix of the slide, by hand
+constant = np.array([[r, -q], [-q, p]]) / np.linalg.det(D) ** 2
+for d in edges:
+    C2, C3 = conditions(d)
+    assert np.allclose(d @ constant @ d.T - np.eye(3), C3, rtol=0, atol=1e-12)
+    assert np.isclose(np.trace(constant @ d.T @ d), np.trace(C2) + 2, rtol=1e-12)
 assert np.allclose(norms[:, 1], norms[:, 0] + 1, rtol=1e-13, atol=1e-13)
 assert np.allclose([C2 for C2, _ in turned], turned[0][0], rtol=0, atol=1e-13)
 for angle, (_, C3) in zip(angles, turned, strict=True):

@@ -20,6 +20,13 @@
 #
 # What $\tau$ changes of the true motion is the tension: it is a property of the fabric. Which step
 # would give the midpoint rule the right tension?
+#
+# <details><summary>Answer</summary>
+#
+# About 2 ms: then the energy is 4 % too large. Central differences are stable up to 1.7 ms. The
+# step must resolve the waves in the membrane.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

@@ -21,6 +21,13 @@
 # implicit one grows from 4 to 23 % of the motion. At 100 ms neither is near.
 #
 # For which $v$ is the dropped term zero?
+#
+# <details><summary>Answer</summary>
+#
+# Where $\partial^2C\,v=0$: the motion changes $C$, but not its gradient. A spring is stretched and
+# does not turn.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

@@ -19,6 +19,12 @@
 #
 # A curtain hangs from a rail. One corner is pinned, its right edge drawn away by 6 cm. All nodes
 # stay in the plane $z=0$. Arrows are reactions. Why have those at the rail no horizontal part?
+#
+# <details><summary>Answer</summary>
+#
+# $r=-(I-P)f$, and $I-P$ is zero along the rail: there the nodes slide until no force is left.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

@@ -22,6 +22,12 @@
 #
 # On all edges of a mesh, multipliers would leave $B-3$ ways to bend, with $B$ edges at the border:
 # cloth locks. What is the method with $-1/k$ in place of 0?
+#
+# <details><summary>Answer</summary>
+#
+# The penalty: its second row is $\lambda=kC$. With $\lambda$ as an unknown, large $k$ does no harm.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

@@ -22,6 +22,13 @@
 # joins the angles around each triangle, and has 1.
 #
 # Which edges of `right` make the factor 3?
+#
+# <details><summary>Answer</summary>
+#
+# All of them. Where the cloth bends along the diagonals, horizontal, vertical and diagonal edges
+# have $\tfrac B2\kappa^2$ each.
+#
+# </details>
 
 # %%
 import matplotlib.pyplot as plt

@@ -193,6 +193,10 @@ def test_the_list_has_all_cases_with_what_is_known(capsys):
             ["--adapter", "wrong.py:run"],
             "wrong.py:run': must be FILE.py:FUNCTION, and fails with Syn",
         ),
+        (
+            ["--adapter", "ends.py:run"],
+            "ends.py:run': must be FILE.py:FUNCTION, and fails with Sys",
+        ),
         (["--adapter", "toy.py:run", "-o", "toy.py"], "File exists: '"),
         (["--adapter", "toy.py:run", "fligth"], "did you mean 'flight'"),
     ],
@@ -200,6 +204,7 @@ def test_the_list_has_all_cases_with_what_is_known(capsys):
 def test_mistakes_are_answered(file, words, message, capsys, monkeypatch):
     monkeypatch.chdir(file.parent)
     (file.parent / "wrong.py").write_text("def run(case)\n")
+    (file.parent / "ends.py").write_text("import sys\nsys.exit(3)\n")
     assert main(["bench", *words]) == 2
     assert message.lower() in capsys.readouterr().err.lower()
 

@@ -125,6 +125,20 @@ def test_code_in_a_folder_that_others_can_change_is_not_run(base, plant):
     fresh.rmdir()
 
 
+@pytest.mark.skipif(os.name != "posix", reason="modes of folders are of POSIX")
+def test_a_folder_that_cannot_be_written_is_told(base, monkeypatch):
+    """It may have been planted by another user, so that code is compiled at each start."""
+    base.write_text("not a folder")
+    planted = chosen()
+    assert planted.parent == base.parent / "temporary"
+    can = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: path != planted and can(path, mode))
+    with pytest.warns(RuntimeWarning, match=f"{planted} cannot be written"):
+        fresh = chosen()
+    assert fresh != planted
+    fresh.rmdir()
+
+
 def test_a_folder_of_another_user_is_not_trusted(base, monkeypatch):
     folder = chosen()
     (folder / "numba").mkdir(0o700)

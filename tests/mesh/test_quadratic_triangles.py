@@ -159,3 +159,10 @@ def test_fields_between_cloths_of_two_elements():
     assert coarse.l2_norm(u) ** 2 == pytest.approx(1 / 5 - 2 / 8 + 1 / 9, rel=1e-12)
     with pytest.raises(fc.InputError, match="Cloth.l2_error: the function's values of shape"):
         coarse.l2_error(u, lambda X: X)
+
+
+def test_a_round_cloth_has_order_two_on_quadratic_triangles_too():
+    """Its edges are chords: the area misses π r² by O(h²), with midpoints or without."""
+    for element in ("P1", "P2"):
+        missing = [np.pi - fc.Cloth.disk(1.0, h, element=element).area for h in (0.2, 0.1)]
+        assert 1.8 < np.log2(missing[0] / missing[1]) < 2.2

@@ -3,6 +3,7 @@
 import pytest
 
 from fecloth.errors import InputError
+from fecloth.quantities import columns
 from fecloth.quantities.columns import factor_to_si, read_table
 
 
@@ -75,3 +76,28 @@ def test_a_mistake_is_named_with_its_line(tmp_path, text, words):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match=r"no such file: must be a CSV file"):
         read_table(tmp_path / "none.csv", "x")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "root:x:0:0:secret:/root:/bin/sh\nbin:x:1:1:bin:/:/bin/sh\n",
+        "secret\nword\n",
+        "secret,secret\nword,word\n",
+        "[secret]\nkey\n",
+        "machine secret login a\n12 34\n",
+        "-- secret --\n1\n",
+    ],
+)
+def test_the_text_of_a_file_that_is_no_table_is_not_told(tmp_path, text):
+    with pytest.raises(InputError) as refused:
+        read_table(write(tmp_path, text), "x").numbers("force", "N")
+    assert "secret" not in str(refused.value)
+    assert str(tmp_path / "data.csv") in str(refused.value)
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(columns, "MOST_BYTES", 12)
+    read_table(write(tmp_path, "force [N]\n1\n"), "x")
+    with pytest.raises(InputError, match="has 13 bytes: must have at most 12"):
+        read_table(write(tmp_path, "force [N]\n1\n\n"), "x")

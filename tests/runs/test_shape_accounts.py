@@ -133,7 +133,7 @@ def test_the_compressed_share_is_the_area_of_the_compressed_part(sheet, isotropi
 
 WRINKLES = [  # overrides, words of the warning or ""
     ([], "its triangles decide how it folds; take h below half of the present one"),
-    (["terms.1.type=Gravity"], "add PlateBending, or use TensionField"),
+    (["terms.1.type=Gravity"], "add PlateBending or use TensionField"),
     (["terms.1.type=Gravity", "terms.0.type=TensionField"], ""),
 ]
 

@@ -63,6 +63,28 @@ REFUSED = {
     "unknown pin set": ("pins.0.where=lefd", "node set 'lefd': must be one of", "mean 'left'?"),
     "missing mesh": ("cloth={shape='file', path='a.msh'}", "'a.msh'", "no such file. Look into /"),
     "mesh nearby": ("cloth={shape='file', path='shet.toml'}", "no such", "mean 'sheet.toml'?"),
+    "a circle": ("cloth.shape=circle", "cloth.shape = 'circle'", "mean 'disk'?"),
+    "a load without a value": (
+        "terms.2={type='Pressure', pressure='sqrt(0.05 - t)'}",
+        "pressure of Pressure: formula 'sqrt(0.05 - t)' is nan at t = 0.052: must be finite",
+        "",
+    ),
+    "a force without a value": (
+        "terms.2={type='UserForce', force=[0, 0, 'log(0.05 - t)']}",
+        "the force of UserForce: formula 'log(0.05 - t)' is -inf at",
+        "t = 0.05: must be finite",
+    ),
+    "an angle without a value": (
+        "pins.0.rotate={axis=[1, 0, 0], angle='1 / (t - 0.04)'}",
+        "the motion of the pin 'left': angle: formula '1 / (t - 0.04)' is inf at t = 0.04",
+        "",
+    ),
+    "an obstacle without a place": (
+        "terms.2={type='Obstacle', shape={type='Plane', point=[0, 0, -1], "
+        "normal=[0, 0, 1], motion=['sqrt(0.05 - t)', 0, 0]}}",
+        "the motion of Obstacle: motion: formula 'sqrt(0.05 - t)' is nan at t = 0.052",
+        "",
+    ),
     "explicit dt": ("time.method='central_difference'", "must be at most 0.0007", "Leave dt out"),
 }
 
@@ -84,6 +106,15 @@ UNITS = {
     "µN m": ("fabric.bending_rigidity=20", "If you meant µN m, write 2e-05"),
     "ms": ("time.dt=2", "If you meant ms, write 0.002"),
 }
+
+
+def test_a_force_without_a_value_where_the_cloth_comes_is_named(scene, capsys):
+    """No check before the run knows it: the cloth falls to z < -0.001 m."""
+    force = "terms.3={type='UserForce', force=[0, 0, 'log(z + 0.001)']}"
+    term = "terms=[{type='StVK'}, {type='HingeBending'}, {type='Gravity'}, {type='StVK'}]"
+    status, words = run_and_read(capsys, "--set", term, "--set", force)
+    assert status == 3
+    assert "UserForce: force: formula 'log(z + 0.001)' is nan at" in words
 
 
 @pytest.mark.parametrize("name", UNITS)
@@ -139,6 +170,21 @@ def test_an_implicit_dt_too_large_fails_with_all_that_was_good(scene, capsys):
 
 
 # --- the folder -----------------------------------------------------------------------------------
+
+
+def test_a_folder_that_is_removed_during_the_run_is_told(scene, capsys, monkeypatch):
+    write = recorder.Recorder._write_frame
+
+    def removing(self, *arguments, **options):
+        if Path("out/frames").is_dir() and len(list(Path("out/frames").glob("*.vtu"))) > 3:
+            shutil.rmtree("out")
+        return write(self, *arguments, **options)
+
+    monkeypatch.setattr(recorder.Recorder, "_write_frame", removing)
+    status, words = run_and_read(capsys)
+    assert status == 3
+    assert "out was removed during the run, and nothing of it is left" in words
+    assert "restart_steps" not in words
 
 
 def test_existing_folder_is_unchanged(scene, capsys):

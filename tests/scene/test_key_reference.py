@@ -164,4 +164,5 @@ def test_info_refuses_an_unknown_term(capsys):
 def test_the_fields_of_a_picture_are_those_of_frames():
     actions = commands_of(cli._parser())["render"]._actions
     field = next(action for action in actions if action.dest == "field")
-    assert field.help == f"one of {', '.join([*FIELDS, CHECKS])}"
+    names = ", ".join([*FIELDS, CHECKS])
+    assert field.help == f"one of {names}, or an array of the frames, as region"

@@ -5,7 +5,7 @@ import re
 import time
 
 import pytest
-from support.lecture import cells, code_lines, markdown
+from support.lecture import answer, cells, code_lines, markdown
 from support.pages import ROOT
 
 from studies.lecture.__main__ import PAGES, run_page
@@ -40,6 +40,13 @@ def test_a_page_has_the_form_of_a_slide(page):
         assert not isinstance(last, ast.Expr) or ast.unparse(last).startswith("print(")
     checks = [node for text in code for node in ast.walk(ast.parse(text))]
     assert any(isinstance(node, ast.Assert) for node in checks)
+
+
+@EACH
+def test_a_closing_question_has_a_folded_answer_below_it(page):
+    asks = markdown(PAGES[page]).rstrip().endswith("?")
+    assert bool(answer(PAGES[page])) == asks
+    assert len(answer(PAGES[page]).split()) <= 60
 
 
 def test_the_counter_leaves_out_imports_the_figure_and_the_check():

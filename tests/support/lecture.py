@@ -7,6 +7,7 @@ import tokenize
 from collections.abc import Sequence
 from pathlib import Path
 
+ANSWER = re.compile(r"<details><summary>Answer</summary>\n\n(.*?)\n\n</details>", re.DOTALL)
 MARK = re.compile(r"^# %%(?: \[(markdown)\])?\n", re.MULTILINE)
 
 
@@ -21,8 +22,15 @@ def cells(path: Path) -> list[tuple[str, str]]:
 
 
 def markdown(path: Path) -> str:
-    """The text of the page: its cells of Markdown."""
-    return "\n".join(text for kind, text in cells(path) if kind == "markdown")
+    """The text of the page: its cells of Markdown, without the folded answer."""
+    text = "\n".join(text for kind, text in cells(path) if kind == "markdown")
+    return ANSWER.sub("", text)
+
+
+def answer(path: Path) -> str:
+    """The folded answer to the question that closes the page; "" if there is none."""
+    found = ANSWER.findall("\n".join(text for kind, text in cells(path) if kind == "markdown"))
+    return "".join(found)
 
 
 def code_lines(code: Sequence[str]) -> int:

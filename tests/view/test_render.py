@@ -10,10 +10,11 @@ import pytest
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.output.frame_reader import Frame
+from fecloth.output.frame_reader import Frame, Series, field_of, field_values
 from fecloth.output.frames import Frames
 from fecloth.output.obstacle_frames import ObstacleFrames
 from fecloth.view.checker_pattern import material_coordinates, square_side
+from fecloth.view.web_page import colour_range
 
 pytestmark = pytest.mark.skipif(find_spec("pyvista") is None, reason="needs the extra [view]")
 imageio = pytest.importorskip("imageio.v2")
@@ -106,6 +107,54 @@ def test_the_colours_are_the_field(draw):
     assert at_rest[:, 2].mean() > 1.5 * at_rest[:, 1].mean()  # the dark end of viridis is purple
     green = moving[:200][cloth_of(moving)]
     assert green[:, 1].max() > at_rest[:, 1].max() + 40
+
+
+@pytest.fixture(scope="module")
+def two_fabrics(tmp_path_factory):
+    """A frame of a sheet with another fabric in each half, at rest."""
+    folder = tmp_path_factory.mktemp("two")
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.15)
+    left = cloth.X[cloth.triangles].mean(axis=1)[:, 0] < 0.5
+    halves = {"a": np.flatnonzero(left), "b": np.flatnonzero(~left)}
+    cloth = fc.Cloth.from_arrays(cloth.X, cloth.triangles, regions=halves)
+    fabrics = {"a": fc.Fabric(0.2, 500.0), "b": fc.Fabric(0.1, 900.0)}
+    system = fc.System(cloth, fabrics, [fc.StVK(), fc.Gravity()], pins=[fc.Pin([0])])
+    frames = Frames(folder / "run", cloth, system)
+    frames.add(system.rest())
+    return folder
+
+
+def test_two_fabrics_are_drawn_in_two_colours(two_fabrics, tmp_path):
+    target = tmp_path / "a.png"
+    arguments = ["render", str(two_fabrics), "-o", str(target), "--size", "320x240"]
+    assert main([*arguments, "--field", "region"]) == 0
+    image = imageio.imread(target).astype(int)
+    colours = image[:200][cloth_of(image)][:, :3]
+    yellow = colours[:, 0] > colours[:, 2] + 40  # the ends of viridis are yellow and purple
+    assert 0.3 < yellow.mean() < 0.7
+
+
+@pytest.mark.parametrize("name", ["principal_stresses", "velocity", "held", "region"])
+def test_each_array_of_the_frames_is_drawn(name, run, draw):
+    frame = Series.open(run).read(2)
+    arrays = frame.point_data | frame.cell_data
+    values = field_values(frame, name)
+    assert values.shape == (len(arrays[name]),)
+    if name == "velocity":
+        assert np.allclose(values, field_values(frame, "speed"))
+        assert field_of(frame, name).unit == "m/s"
+    if name == "principal_stresses":
+        assert np.allclose(values, field_values(frame, "larger_stress"))
+    assert draw("a.png", "--field", name).is_file()
+
+
+def test_an_end_of_the_colour_bar_that_is_round_off_is_zero():
+    noise = np.array([-2.373e-15, 0.0, 1e-15])
+    assert colour_range(noise)[0] < 0  # all is round-off: nothing tells
+    low, high = colour_range(np.append(np.full(100, -2.373e-15), np.linspace(0.0, 0.3, 1000)))
+    assert low == 0.0
+    assert 0.29 < high < 0.3
+    assert colour_range(np.linspace(-0.3, 0.3, 1000))[0] < -0.29
 
 
 @pytest.mark.stories

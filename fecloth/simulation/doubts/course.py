@@ -5,14 +5,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fecloth.integrators.bdf2 import BDF2
+from fecloth.integrators.energy_momentum import EnergyMomentum
+from fecloth.integrators.newmark import GeneralizedAlpha
 from fecloth.simulation import dimensionless
 from fecloth.simulation.dimensionless import distance_from_pins, gravity_magnitude
+from fecloth.simulation.doubts.accepted import accepts_method, accepts_term, join_accepted
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.doubts.units import LARGEST_STEP
 from fecloth.system.state import State
 from fecloth.system.system import System
-from fecloth.terms import TensionField
+from fecloth.terms import PlateBending, TensionField
 from fecloth.terms.traits import has_kind, traits_of
 
 LEAST_QUALITY = 0.3  # of a triangle without a doubt; 1 is equilateral, 0.87 half a square
@@ -121,7 +125,13 @@ def find_fast_waves(run: PlannedRun) -> Iterator[Doubt]:
             f"{damping}: {type(method).__name__} may gain energy from waves that it does "
             "not resolve"
         )
-        remedy = "add StrainRateDamping with a time near dt, or use BDF2 or EnergyMomentum"
+        remedy = join_accepted(
+            {
+                "add StrainRateDamping with a time near dt": True,
+                "take BDF2": accepts_method(run.system, BDF2()),
+                "take EnergyMomentum": accepts_method(run.system, EnergyMomentum()),
+            }
+        )
         yield Doubt(DoubtKind.GAIN, words, remedy)
 
 
@@ -180,9 +190,14 @@ def find_numerical_damping(run: PlannedRun) -> Iterator[Doubt]:
             f"numerical damping of {type(run.method).__name__} removes about "
             f"{100 * lost:.0f} % of the amplitude of a swing over {length:.2g} m per period"
         )
-        remedy = (
-            "Fine if the cloth should settle; otherwise use BDF2 or another method of second order"
+        others = join_accepted(
+            {
+                "BDF2": accepts_method(run.system, BDF2()),
+                "GeneralizedAlpha": accepts_method(run.system, GeneralizedAlpha()),
+                "a smaller dt": True,
+            }
         )
+        remedy = f"Fine if the cloth should settle; otherwise take {others}"
         yield Doubt(DoubtKind.DAMPING, words, remedy)
 
 
@@ -217,7 +232,16 @@ def doubt_wrinkles(
         "and its triangles decide how it folds"
     )
     if not has_kind(system.terms, "bending"):
-        remedy = "add PlateBending, or use TensionField where only taut regions matter"
+        rigidity = ""
+        if not accepts_term(system, PlateBending()):
+            rigidity = " and give the fabric a bending_rigidity"
+        field = "use TensionField where only taut regions matter"
+        remedy = join_accepted(
+            {
+                f"add PlateBending{rigidity}": True,
+                field: accepts_term(system, TensionField()),
+            }
+        )
         return Doubt(DoubtKind.WRINKLES, words, remedy)
     wave = dimensionless.wrinkle_length(system) / EDGES_PER_WRINKLE
     edge = dimensionless.mean_edge(system)

@@ -167,7 +167,8 @@ def _of_term(bound, state: State) -> Iterator[tuple[str, Values, Effort, bool]]:
             columns = (*bound.function.X.T, *state.x.T, *state.v.T)
             place = dict(zip(VARIABLES, map(_few, columns), strict=False))
             values = _formulas(bound.function.parts, **place)
-            yield "the force", values, PLACES, _are_smooth(bound.function.parts)
+            effort = PLACES if _has_place(bound.function.parts) else FORMULAS
+            yield "the force", values, effort, _are_smooth(bound.function.parts)
     elif is_force or isinstance(bound, BoundUserForce):
         yield "the force", at_each_time(lambda t: _force(bound, state, t)), FORCES, False
 
@@ -198,6 +199,13 @@ def _has_time(parts) -> bool:
     """Return whether a formula among the parts has the variable t."""
     formulas = (part for part in parts if isinstance(part, Formula))
     return any(re.search(r"\bt\b", formula.text) for formula in formulas)
+
+
+def _has_place(parts) -> bool:
+    """Return whether a formula among the parts has other variables than t."""
+    others = "|".join(name for name in VARIABLES if name != "t")
+    formulas = (part for part in parts if isinstance(part, Formula))
+    return any(re.search(rf"\b({others})\b", formula.text) for formula in formulas)
 
 
 def _motion(motion: Motion) -> Values:

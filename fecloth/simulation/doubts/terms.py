@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fecloth import terms
+from fecloth.simulation.doubts.accepted import accepts_term, join_accepted
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.system.system import System
@@ -129,7 +130,10 @@ def find_springs_of_another_fabric(run: PlannedRun) -> Iterator[Doubt]:
             "the fabric in a stretch along X, along Y and in shear: a net is a material of its "
             "own, and no finer mesh changes that"
         )
-        remedy = 'use StVK, or kind = "biquadratic" for an isotropic fabric'
+        biquadratic = terms.Springs(kind="biquadratic")
+        remedy = join_accepted(
+            {"use StVK": True, 'kind = "biquadratic"': accepts_term(system, biquadratic)}
+        )
         yield Doubt(DoubtKind.TERMS, words, remedy)
 
 
@@ -236,6 +240,16 @@ def find_uneven_edges(run: PlannedRun) -> Iterator[Doubt]:
         )
         remedy = "take EdgeForce, a force per length, for a load that is uniform along an edge"
         yield Doubt(DoubtKind.TERMS, words, remedy)
+
+
+def find_gravity_upwards(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt a gravity that pulls up, along z."""
+    for term in run.system.terms:
+        if isinstance(term, terms.Gravity):
+            *along, up = term.acceleration
+            if up > max(map(abs, along)):
+                words = f"Gravity pulls up: its z component is {up:g} m/s²"
+                yield Doubt(DoubtKind.TERMS, words, f"write {-up:g} if z points up")
 
 
 def find_gas_without_pressure(run: PlannedRun) -> Iterator[Doubt]:

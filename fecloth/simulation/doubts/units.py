@@ -9,6 +9,7 @@ F. T. Peirce, The "handle" of cloth, J. Textile Institute 21, T377 (1930): 0.01 
 that membrane 0.19 m.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -16,11 +17,13 @@ import numpy as np
 from scipy.constants import g
 
 from fecloth.fabric.fabric import Fabric
+from fecloth.quantities.rotation import Rotation
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
-from fecloth.simulation.doubts.planned_run import PlannedRun
+from fecloth.simulation.doubts.planned_run import PlannedRun, attempt
 from fecloth.terms import Gravity, Wind
 from fecloth.terms.traits import traits_of
 
+CENTIMETRES = {"cm": 1e-2, "mm": 1e-3}
 Words = tuple[str, str]  # what was noticed, and the remedy
 
 # kg/m², least and most: a third of the lightest gauze, five times the heaviest roof.
@@ -32,6 +35,8 @@ SIZES = 0.002, 10.0  # m, least and most: smaller are yarns, larger are roofs
 LARGEST_STEP = 0.1  # s; a cloth swings within seconds, fast waves cross it within hundredths
 LARGEST_GRAVITY = 50.0  # m/s²; five times the gravity on Earth, a twentieth of it in cm/s²
 LARGEST_AIR_SPEED = 100.0  # m/s; three hurricanes
+USUAL_SIZE = 0.5  # m; of the cloths that are simulated
+LARGEST_ANGLE = 2 * np.pi  # rad; a pin that turns farther is mostly meant in degrees, or has pi
 LARGEST_DAMPING_TIME = 1.0  # s; in measured cloth it is below 0.1
 
 
@@ -56,6 +61,9 @@ def _unlikely_values(run: PlannedRun) -> Iterator[Words]:
         yield f"dt = {run.dt:g} s is large: cloth swings within a second", remedy
     for term in run.system.terms:
         yield from _of_term(term)
+    for name, (pin, _) in run.system.constraints.groups.items():
+        if pin.rotate is not None:
+            yield from _of_turn(name, pin.rotate, np.linspace(run.state.t, run.t_end, 101))
 
 
 def _of_fabric(fabric: Fabric) -> Iterator[Words]:
@@ -110,9 +118,8 @@ def _of_size(size: float) -> Iterator[Words]:
     least, most = SIZES
     if size > most:
         words = f"the cloth is {size:.4g} m long: few are longer than {most:g} m"
-        remedy = (
-            f"If you meant cm, write {size / 100:.4g}; if its mesh is in mm, scale it to metres"
-        )
+        unit, meant = _nearest(size, CENTIMETRES, USUAL_SIZE)
+        remedy = f"If you meant {unit}, write {meant:.4g}; scale a mesh in {unit} to metres"
         yield words, remedy
     if size < least:
         words = f"the cloth is {size:.4g} m long: the fabric of so small a piece is its yarns"
@@ -125,7 +132,8 @@ def _of_term(term: Any) -> Iterator[Words]:
         size = float(np.linalg.norm(term.acceleration))
         if size > LARGEST_GRAVITY:
             words = f"Gravity has {size:g} m/s²: on Earth it is 9.81"
-            yield words, f"If you meant cm/s², write {size / 100:g}"
+            unit, meant = _nearest(size, CENTIMETRES, g)
+            yield words, f"If you meant {unit}/s², write {meant:g}"
     if traits_of(term).damps in ("strain", "bending") and term.time > LARGEST_DAMPING_TIME:
         words = f"{type(term).__name__} has time = {term.time:g} s: cloth has less than 0.1"
         yield words, f"If you meant ms, write {term.time / 1000:g}"
@@ -134,6 +142,30 @@ def _of_term(term: Any) -> Iterator[Words]:
         if speed > LARGEST_AIR_SPEED:
             words = f"Wind blows at {speed:g} m/s: a hurricane has 33"
             yield words, f"If you meant km/h, write {speed / 3.6:.3g}"
+
+
+def _of_turn(name: str, rotation: Rotation, times: np.ndarray) -> Iterator[Words]:
+    """Yield what is unlikely of a turn of the pin `name` in a run with these times (m,) [s].
+
+    An angle in radians that is no fraction of π, and more than a whole turn, was meant in
+    degrees, which are whole numbers.
+    """
+    angles = np.abs([attempt(rotation.at, float(t), otherwise=0.0) for t in times])
+    angle = float(angles.max())
+    formula = rotation.angle if isinstance(rotation.angle, str) else ""
+    if angle > LARGEST_ANGLE and not re.search(r"\bpi\b", formula):
+        turns = angle / (2 * np.pi)
+        words = f"pin {name!r} turns by {angle:.4g} rad, {turns:.3g} turns: angles are in radians"
+        yield words, f"If you meant degrees, write ({formula or 'angle'}) * pi / 180"
+
+
+def _nearest(value: float, units: Mapping[str, float], usual: float) -> tuple[str, float]:
+    """Return the unit in which a value is nearest to a `usual` one, by ratio; and the value in SI.
+
+    `units` has the value in SI of each unit.
+    """
+    unit = min(units, key=lambda unit: abs(np.log(value * units[unit] / usual)))
+    return unit, value * units[unit]
 
 
 def _speed(velocity: Any) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from fecloth import validation
 from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import kernel
-from fecloth.errors import InputError
+from fecloth.errors import InputError, errors_of
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.reductions import dot
 from fecloth.quantities.formula import Formula, FormulaVector
@@ -140,7 +140,8 @@ class FormulaForce:
         variables = np.empty((len(VARIABLES), len(x)))
         for row, column in enumerate((*self.X.T, *x.T, *v.T, t)):  # in the order of VARIABLES
             variables[row] = column
-        return self._components(variables)
+        with errors_of("UserForce", "force: "):
+            return self._components(variables)
 
     def calls(self, x: np.ndarray, v: np.ndarray, t: np.ndarray, g: np.ndarray) -> list[Call]:
         """The compiled calls that write the values (n, 3) at x, v and t (1,) to g."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import Array, kernel
-from fecloth.errors import InputError
+from fecloth.errors import InputError, errors_of
 from fecloth.quantities.formula import Formula, FormulaVector
 from fecloth.quantities.formula_kernel import write_columns, write_time
 from fecloth.quantities.time_function import TimeFunction, vector
@@ -96,7 +96,8 @@ class Formulas:
         variables = np.empty((4, len(x)))
         variables[:3] = x.T
         variables[3] = t
-        return self._components(variables)
+        with errors_of("Wind", "velocity: "):
+            return self._components(variables)
 
     def calls(self, x: np.ndarray, t: np.ndarray, u: np.ndarray) -> list[Call]:
         """The compiled calls that write the values (m, 3) at x (m, 3) and t (1,) to u."""

@@ -35,6 +35,8 @@ STRETCH_LIMIT = 4.0
 
 5 % of strain is the stretch 1.05, so that a column in percent soon has larger numbers.
 """
+MOST_ROWS = 10_000
+"""Points of a curve; a measured one has some hundreds. Scenes and their copies hold them all."""
 CELLS_PER_POINT = 8
 """Equal cells into which `pack` cuts a curve, for each of its points.
 
@@ -63,6 +65,10 @@ def read_rows(name: str, data: Any) -> Rows:
     elif not isinstance(data, str | Path | Mapping):
         data = _columns(name, along, data)
     table = read_table(data, f"{WHERE}: {name}")
+    if len(table.lines) > MOST_ROWS:
+        what = f"{name} has {len(table.lines)} rows"
+        remedy = "Leave out rows: a smooth curve needs some hundreds."
+        raise InputError(what, f"must have at most {MOST_ROWS}", WHERE, remedy)
     column = "stiffness" if "stiffness" in table else "force"
     x = table.numbers(along, si=unit, plain=True)
     labels = [f"{label} {line}" for line in table.lines]

@@ -47,6 +47,25 @@ def term(given):
     return warnings_before(bound(given, fabric=bent), DT, doubts=[units.find_values_in_other_units])
 
 
+def turned(angle):
+    rotation = fc.Rotation((0, 0, 0), (1, 0, 0), angle)
+    pins = [fc.Pin("left", rotate=rotation)]
+    return warnings_before(bound(pins=pins), DT, doubts=[units.find_values_in_other_units])
+
+
+def test_an_angle_with_pi_is_in_radians():
+    assert turned("9 * pi * t") == []
+
+
+def test_the_unit_that_was_meant_is_the_one_of_a_usual_size():
+    for given, words in ((1000.0, "mm, write 1;"), (60.0, "cm, write 0.6;")):
+        (told,) = size(given)
+        assert f"If you meant {words}" in told
+    for given, words in ((9810.0, "mm/s², write 9.81"), (981.0, "cm/s², write 9.81")):
+        (told,) = term(fc.Gravity((0, 0, -given)))
+        assert told.endswith(f"If you meant {words}")
+
+
 # --- terms ----------------------------------------------------------------------------------------
 
 
@@ -269,6 +288,7 @@ ABOVE = {  # the words about a quantity of f times its threshold, which are ther
     "a large cloth": lambda f: size(f * 10.0),
     "a long step": lambda f: warnings_before(bound(), f * 0.1),
     "large gravity": lambda f: term(fc.Gravity((0, 0, -f * 50.0))),
+    "an angle in degrees": lambda f: turned(f"{f * 2 * np.pi} * t"),
     "a fast wind": lambda f: term(fc.Wind((f * 100.0, 0, 0), 0.7)),
     "long damping of strain": lambda f: term(fc.StrainRateDamping(f * 1.0)),
     "long damping of bending": lambda f: term(fc.BendingDamping(f * 1.0, law=fc.HingeBending())),

@@ -214,6 +214,11 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
         terms(fc.StVK(), fc.Gravity((0, 0, -9.81))),
     ),
     (
+        r"Gravity pulls up: .* write -9\.81",
+        terms(fc.StVK(), fc.Gravity((0.0, 1.0, 9.81))),
+        terms(fc.StVK(), fc.Gravity((0.0, 9.81, 1.0))),
+    ),
+    (
         r"Wind blows at 120 m/s.* write 33\.3",
         terms(fc.StVK(), fc.Wind((120.0, 0.0, 0.0), 0.7)),
         terms(fc.StVK(), fc.Wind((33.3, 0.0, 0.0), 0.7)),

@@ -429,3 +429,12 @@ def test_damping_and_energy_momentum(rng):
     assert abs(energies["remainder"][-1]) < 1e-9 * energies["kinetic"][-1]
     assert energies["MembraneTable"][-1] > 1e-3 * energies["kinetic"][-1]
     assert np.isfinite(result.space_error)
+
+
+def test_a_curve_has_at_most_ten_thousand_rows():
+    """A scene and its copies hold the rows, and read them again at each start."""
+    stretch = np.linspace(1.0, 1.2, 10_001)
+    curve = np.column_stack([stretch, stretch * (stretch - 1)])
+    assert len(fc.MembraneTable(warp=curve[:-1], weft=curve[:-1]).warp) == 10_000
+    with pytest.raises(fc.InputError, match="warp has 10001 rows: must have at most 10000"):
+        fc.MembraneTable(warp=curve, weft=curve)
