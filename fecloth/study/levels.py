@@ -10,6 +10,7 @@ from fecloth.study.runs import Run
 
 # What is refined, and the name of its part of the error.
 REFINED = {"h": "mesh", "dt": "time step", "both": "mesh and time step"}
+RATIO = 2.0  # of two levels: smaller ones do not separate levels of unstructured meshes
 # rtol over rtol of the run that shows the error of chosen steps: the error falls to a fifth, so
 # that the change is most of it.
 RTOL_RATIO = 10.0
@@ -48,7 +49,7 @@ def levels_to_run(
     check_levels(refine, levels, ratio)
     problem.check_refining(refine)
     space_order, time_order = problem.orders(quantity)
-    ratio = ratio or problem.ratio(refine)
+    ratio = ratio or RATIO
     ratios = {refine: ratio}
     if refine == "both":
         ratios = {"h": ratio, "dt": ratio ** (space_order / time_order)}
@@ -90,7 +91,7 @@ def _runs_for_other_errors(
     elif in_time and refine == "h" and problem.can_refine("dt"):
         show("time step", 1 - 2.0**-time_order, dt=2.0)
     elif in_time and refine == "dt" and problem.can_refine("h"):
-        show("mesh", None, h=problem.ratio("h"))
+        show("mesh", None, h=RATIO)
     if problem.has_contact:
         show("gap", 1 - 1 / 2.0, gap=2.0)  # of first order
     if in_time and not problem.is_explicit:

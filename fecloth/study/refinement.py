@@ -157,6 +157,7 @@ def summarise(
         obstacles=[] if refine == "dt" else rows[-1]["obstacles"],  # to convergence in h
         size=abs(values[-1]),
         doubt=next((doubt for doubt in doubts if doubt.kind is DoubtKind.WRINKLES), None),
+        usual_cause="" if refine == "dt" else ", as at clamped corners",
     )
     value_words = with_uncertainty(values[-1], limit.uncertainty, described["unit"])
     answer = f"{quantity.text} = {value_words}"
