@@ -1,6 +1,7 @@
 """The runs of a study of convergence: its levels, and one run for each error that they hide."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from fecloth import validation
 from fecloth.errors import InputError, did_you_mean
@@ -43,8 +44,9 @@ def levels_to_run(
 ) -> list[Run]:
     """Return the runs of the levels, coarse to fine, and after them those for other errors.
 
-    With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
-    keep their share. Raise `InputError` for what `check_levels` or the problem refuses.
+    A finer level of an equilibrium starts from the solution of the level before, and so stays on
+    its branch. With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors
+    of both keep their share. Raise `InputError` for what `check_levels` or the problem refuses.
     """
     check_levels(refine, levels, ratio)
     problem.check_refining(refine)
@@ -54,7 +56,8 @@ def levels_to_run(
     if refine == "both":
         ratios = {"h": ratio, "dt": ratio ** (space_order / time_order)}
     divisors = [{name: ratio**k for name, ratio in ratios.items()} for k in range(levels)]
-    runs = [_level(problem, {}, of_level) for of_level in divisors]
+    first, *finer = (_level(problem, {}, of_level) for of_level in divisors)
+    runs = [first, *(replace(run, follows=problem.is_static) for run in finer)]
     return runs + _runs_for_other_errors(problem, quantity, refine, time_order)
 
 
