@@ -60,12 +60,15 @@ class Progress:
         self.measured = 0.0  # estimated cost of those which measured their seconds
         self.seconds = 0.0  # what these took, without imports and machine code
         self.begin = clock()
+        self.stored = 0
         if stored:
             self._say_stored(stored)
 
     def _say_stored(self, stored: int) -> None:
+        self.stored += stored
         if not self.quiet:
-            print(f"cases already stored: {stored} of {stored + self.count}", file=sys.stderr)
+            words = f"cases already stored: {self.stored} of {self.stored + self.count}"
+            print(words, file=sys.stderr)
 
     def leave_out(self, costs: Sequence[float]) -> None:
         """Leave out cases of these costs: their results are stored."""

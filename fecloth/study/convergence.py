@@ -46,7 +46,7 @@ class Convergence(StudyResult):
         The quantity on the finest level; of a field, path or vector its size.
     uncertainty
         The exact value is expected in value ± uncertainty: of what was refined, plus the
-        shares.
+        shares; at least the distance of other states. NaN where these are not excluded.
     limit
         The value extrapolated to h = 0 or dt = 0.
     order
@@ -69,6 +69,9 @@ class Convergence(StudyResult):
         Rows of the runs of the levels, coarse to fine.
     others
         Rows of the runs that show the shares of what was not refined.
+    states
+        Of an equilibrium that may have other states: (value, number of folds) of each state that
+        was found, first that of the finest level.
     """
 
     quantity: str = ""
@@ -85,6 +88,7 @@ class Convergence(StudyResult):
     gradings: tuple[Grading, ...] = ()
     levels: Sequence[Mapping] = ()
     others: Sequence[Mapping] = ()
+    states: tuple[tuple[float, float | None], ...] = ()
 
     def notes(self) -> list[str]:
         """Sentences on the extrapolated value, the parts of the error and what was noticed."""
@@ -130,6 +134,11 @@ class Convergence(StudyResult):
         left.set(xlabel=right.get_xlabel(), ylabel=labelled("estimated error", self.unit))
         right.set_ylabel(labelled("value", self.unit))
         return drawing
+
+    @property
+    def is_one_state(self) -> bool:
+        """Whether no other state of an equilibrium was found, and some other start was tried."""
+        return len(self.states) < 2 and not math.isnan(self.uncertainty)
 
     @property
     def size_name(self) -> str:

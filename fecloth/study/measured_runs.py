@@ -22,6 +22,7 @@ from fecloth.simulation.record_steps import ROWS
 from fecloth.simulation.run import columns
 from fecloth.simulation.setup import Setup
 from fecloth.study.coarser_start import rest_from
+from fecloth.study.laying import describe_state, lay
 from fecloth.study.modes import modes as natural_modes
 from fecloth.study.orders import find_obstacles
 from fecloth.study.status import TimeLimit, check_progress, check_time_limit
@@ -42,6 +43,7 @@ def measure_problem(
     disturbed: int | None = None,
     change: Callable[[Setup], Setup] | None = None,
     coarser: Mapping[str, Any] | None = None,
+    laid: str = "",
     **more: Any,
 ) -> dict:
     """Return the row of `measure` of a problem, with the seconds of set-up and all runs.
@@ -51,7 +53,7 @@ def measure_problem(
     make. `disturbed` is the seed of a disturbance of the start, `change` a function that returns
     the set-up to run, `more` are arguments of `measure`. `coarser` has the case of a `problem` on
     a coarser mesh and its `displacement` (n, 3) at rest: an equilibrium starts from there, or, if
-    it is not found so, as it would without.
+    it is not found so, as it would without. `laid` is a way of `ways_of_laying`.
     """
     begin = time.perf_counter()
     setup = problem.setup()
@@ -59,6 +61,8 @@ def measure_problem(
         setup = change(setup)
     if disturbed is not None:
         setup = setup.disturbed(disturbed)
+    if laid:
+        setup = lay(setup, laid)
     begin_of_compilation = time.perf_counter()
     compile_kernels(setup)
     begin += time.perf_counter() - begin_of_compilation
@@ -147,6 +151,8 @@ def measure(
         if modes:
             shapes = natural_modes(setup.system, end, count=modes)
             row["frequencies"] = [float(frequency) for frequency in shapes.frequencies]
+        if setup.is_static:
+            row |= describe_state(setup, end.x)
         if function:
             row["function"] = float(function(result))
     cloth = setup.cloth
