@@ -1,12 +1,12 @@
 """Ways of laying a cloth, which may lead it to other equilibria, and what tells these apart."""
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fecloth.errors import InputError
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.on_request import bind_measure
 from fecloth.simulation.setup import Setup
@@ -26,10 +26,8 @@ def describe_state(setup: Setup, x: np.ndarray) -> dict[str, Any]:
     equilibrium; where a part of it is compressed, it may have others.
     """
     folds = None
-    try:
+    with suppress(KeyError):  # without a border
         folds = bind_measure("folds", setup.system, ())(x, {})["folds"]
-    except (InputError, KeyError):  # without a border
-        pass
     cells = stress_cells(setup.system, x)
     return {"folds": folds, "compressed": compressed_share(setup.system, cells)}
 

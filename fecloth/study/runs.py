@@ -21,7 +21,7 @@ from fecloth.study.cases import Progress, run_cases
 from fecloth.study.coarser_start import needs_the_way
 from fecloth.study.measured_runs import REPEATS, columns_to_record, measure_problem, record_of
 from fecloth.study.problem import StudyProblem
-from fecloth.study.work import ANYWAY, LONGEST, START, Work, in_magnitude
+from fecloth.study.work import ANYWAY, LONGEST, Work, in_magnitude, start_seconds
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -281,19 +281,22 @@ def announce(runs: Iterable[Run | Mapping], how: Runs, stages: int = 1) -> None:
     """Print the size of a study before its first case, and refuse one that takes far too long.
 
     The line has the number of cases, of triangles and of steps, the number of `stages` that the
-    study has at most, and the order of magnitude of the time, with start, meshing and
-    compilation. Raise `InputError` if that is above `how.most_seconds`.
+    study has at most (0 for a further stage, which is called so), and the order of magnitude of
+    the time, with start, meshing and compilation. Raise `InputError` if that is above
+    `how.most_seconds`.
     """
     to_run = [run for run in runs if isinstance(run, Run)]
     if not to_run:
         return
     at_once = 1 if how.scheduler else how.jobs
-    seconds = START + sum(run.seconds for run in to_run) / at_once
+    seconds = start_seconds() + sum(run.seconds for run in to_run) / at_once
     largest = max(to_run, key=lambda run: run.work.triangles).work
     most_steps = max(run.work.steps for run in to_run)
     count = amount(len(to_run), "case")
     if stages > 1:
         count = f"at most {amount(stages, 'stage')}, the first of {count}"
+    elif not stages:
+        count = f"next stage: {count}"
     size = f"{count}, up to {largest.triangles:,.0f} triangles × {most_steps:,.0f} {largest.unit}"
     print(f"{size}; it may take {in_magnitude(seconds)}", file=sys.stderr, flush=True)
     if how.most_seconds is not None and seconds > how.most_seconds:

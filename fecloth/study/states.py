@@ -127,6 +127,16 @@ def find_states(
     return States(tuple(states))
 
 
+def describe_several_states(folds: Mapping[str, float], finer: Mapping[str, float]) -> list[str]:
+    """Return a sentence for each name whose cloth has other numbers of folds on a finer mesh."""
+    return [
+        f"{name}: several states: {folds[name]:.0f} folds, and {finer[name]:.0f} on the finer "
+        "mesh; a part by mesh is the distance between them"
+        for name in sorted(folds.keys() & finer.keys())
+        if folds[name] != finer[name]
+    ]
+
+
 def leaves_branch(levels: Sequence[Mapping]) -> bool:
     """Whether the last refinement changes the displacement as much as the one before it."""
     shape = parse_quantity("displacement")

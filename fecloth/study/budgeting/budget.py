@@ -34,6 +34,7 @@ from fecloth.terms import BendingFriction
 from fecloth.validation import known as known_name
 from fecloth.validation import whole
 
+MOST_STAGES = 5  # levels, slopes, runs that probe the first order, samples, disturbed starts
 PARTS = ("space", "time", "solver", "start")  # of which the levels tell
 LEVELS = 3  # of h: the least number that shows an order
 # Samples where the first order does not hold: their standard deviation is then known to a tenth,
@@ -231,7 +232,7 @@ class Work:
         """
         opened = self.study.problem
         levels = levels_to_run(opened, self.quantities[0], "h", LEVELS, None)
-        rows = self._rows(levels)
+        rows = self._rows(levels, MOST_STAGES)
         rows_of_mesh = rows[:LEVELS]
         others = rows[LEVELS:]  # with half of a gap, half of dt, or a sharper solver
         no_share = 0.0 if all(row["status"] == OK for row in others) else np.nan
@@ -258,10 +259,13 @@ class Work:
         parts = dict(zip(("value", *PARTS), np.array(columns).T, strict=True))
         return parts, self.values(rows[:1])[0], remarks
 
-    def _rows(self, to_run: Sequence[Run | dict]) -> list[Row]:
-        """Run what can run; raise `InputError` if it would take too long."""
+    def _rows(self, to_run: Sequence[Run | dict], stages: int = 0) -> list[Row]:
+        """Run what can run; raise `InputError` if it would take too long.
+
+        `stages` are as for `announce`.
+        """
         how = self.study.runs()
-        announce(to_run, how)
+        announce(to_run, how, stages)
         return run_quantities(to_run, self.quantities, how)
 
     def values(self, rows: Sequence[Mapping]) -> np.ndarray:
