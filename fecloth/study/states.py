@@ -53,17 +53,21 @@ def may_have_others(row: Mapping) -> bool:
 
 
 def run_other_starts(
-    levels: Sequence[Mapping], quantities: Sequence[Quantity], how: Runs
+    levels: Sequence[Mapping],
+    quantities: Sequence[Quantity],
+    how: Runs,
+    most: float = math.inf,
 ) -> list[Row]:
     """Lay the cloth in other ways, on the finest level that the time allows; return the rows.
 
     The `level` of a row is its index. There are none where the levels, from coarse to fine, tell
-    that there is one state only.
+    that there is one state only. The starts may take `PATIENCE` times as long as the levels, and
+    at most `most` seconds; the first of them runs in any case.
     """
     if not may_have_others(levels[-1]):
         return []
     seconds = sum(row["case_seconds"] for row in levels)
-    allowed = min(PATIENCE * seconds, (how.most_seconds or math.inf) - seconds)
+    allowed = min(PATIENCE * seconds, most, (how.most_seconds or math.inf) - seconds)
     first = levels[0]
     unit = first["case_seconds"] / first["problem"].work.seconds
     costs = [unit * row["problem"].work.seconds for row in levels]  # from their own start

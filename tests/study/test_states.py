@@ -37,7 +37,7 @@ def row(value, folds=None, compressed=0.5, static=True, **more):
     }
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def same_branch(monkeypatch):
     """The shapes of plain rows are not known."""
     monkeypatch.setattr(states, "leaves_branch", lambda levels: False)
@@ -47,6 +47,7 @@ def start(value, folds=None, level=2, **more):
     return row(value, folds, **more) | {"level": level}
 
 
+@pytest.mark.usefixtures("same_branch")
 def test_levels_with_other_folds_are_several_states():
     levels = [row(0.566, 5.0), row(0.52297, 4.0), row(0.52274, 4.0)]
     found = find_states(SAG, levels, [start(0.5228, 4.0)], uncertainty=7e-4)
@@ -55,6 +56,7 @@ def test_levels_with_other_folds_are_several_states():
     assert found.why == "several states: 0.523 with 4 folds, 0.566 with 5 folds"
 
 
+@pytest.mark.usefixtures("same_branch")
 @pytest.mark.parametrize(
     ("value", "folds", "uncertainty", "is_other"),
     [
@@ -72,6 +74,7 @@ def test_a_start_has_another_state_by_its_folds_or_its_value(value, folds, uncer
     assert found.distance == pytest.approx((value - 0.52) * is_other)
 
 
+@pytest.mark.usefixtures("same_branch")
 def test_a_start_is_compared_with_its_own_level():
     levels = [row(0.60), row(0.55), row(0.52)]
     assert not find_states(SAG, levels, [start(0.60, level=0)], 1e-3).why
@@ -87,6 +90,31 @@ def test_without_another_start_at_rest_nothing_is_known():
         others = [row(0.6, 5.0, **more), row(0.55, 4.0, **more), row(0.52, 4.0, **more)]
         assert find_states(SAG, others, [], 1e-3) == states.States()
         assert not may_have_others(others[-1])
+
+
+@pytest.mark.parametrize(
+    ("last", "leaves"),
+    [(0.05, False), (0.099, False), (0.101, True), (0.3, True)],
+)
+@pytest.mark.parametrize("size", [1.0, 100.0])
+def test_a_last_change_of_shape_as_large_as_the_one_before_leaves_the_branch(last, leaves, size):
+    """Unless both are small beside the displacement: then the levels are one state."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.5, pattern="right")
+    shape = np.ones((len(cloth.X), 3))
+    rows = [row(0.5) for _ in range(3)]
+    for each, factor in zip(rows, (size, size + 0.1, size + 0.1 + last), strict=True):
+        each["problem"].cloth_for = lambda quantity: cloth
+        each["displacement"] = factor * shape
+        each["velocity"] = 0 * shape
+    assert states.leaves_branch(rows) == (leaves and size == 1.0)
+    found = find_states(SAG, rows, [start(0.5)], 1e-3)
+    assert found.why.startswith("the levels are different") == (leaves and size == 1.0)
+
+
+def test_a_fit_names_cloths_with_other_folds_on_the_finer_mesh():
+    told = states.describe_several_states({"a": 5.0, "b": 4.0}, {"a": 4.0, "b": 4.0, "c": 2.0})
+    assert len(told) == 1
+    assert told[0].startswith("a: several states: 5 folds, and 4 on the finer mesh")
 
 
 # --- ways of laying -------------------------------------------------------------------------------

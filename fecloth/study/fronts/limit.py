@@ -238,7 +238,8 @@ def find_limit(
 
 def _with_states(limit: Limit, bench: Bench) -> Limit:
     """Return a limit that says whether its levels, and other starts, have several states."""
-    starts = run_other_starts(limit.rows, limit.quantities, bench.runs)
+    how = replace(bench.runs, quiet=True)
+    starts = run_other_starts(limit.rows, limit.quantities, how, most=bench.left)
     for quantity, estimate in zip(limit.quantities, limit.estimates, strict=True):
         states = find_states(quantity, limit.rows, starts, estimate.uncertainty)
         if states.why:
