@@ -60,22 +60,23 @@ class Progress:
         self.measured = 0.0  # estimated cost of those which measured their seconds
         self.seconds = 0.0  # what these took, without imports and machine code
         self.begin = clock()
-        self.stored = 0
+        self.stored = 0  # cases whose stored results no line has told yet
         if stored:
-            self._say_stored(stored)
-
-    def _say_stored(self, stored: int) -> None:
-        self.stored += stored
-        if not self.quiet:
-            words = f"cases already stored: {self.stored} of {self.stored + self.count}"
-            print(words, file=sys.stderr)
+            self.stored = stored
+            self.tell_stored()
 
     def leave_out(self, costs: Sequence[float]) -> None:
         """Leave out cases of these costs: their results are stored."""
         self.count -= len(costs)
         self.cost -= sum(costs)
-        if costs:
-            self._say_stored(len(costs))
+        self.stored += len(costs)
+
+    def tell_stored(self) -> None:
+        """Print how many results are stored, if there are any that no line has told."""
+        if self.stored and not self.quiet:
+            words = f"cases already stored: {self.stored} of {self.stored + self.count}"
+            print(words, file=sys.stderr)
+        self.stored = 0
 
     @property
     def elapsed(self) -> float:
@@ -111,6 +112,7 @@ class Progress:
         estimated cost. With `quiet` the case is counted, but nothing is printed. Raise
         `InputError` if the other cases will take longer than `most_seconds`.
         """
+        self.tell_stored()
         self.add(cost, result.get("case_seconds"))
         if self.quiet:
             return

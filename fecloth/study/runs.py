@@ -211,6 +211,7 @@ def run_all(runs: Sequence[Run], how: Runs) -> list[Row]:
         for i, result in zip(ready, _run_side_by_side(wave, how, progress), strict=True):
             results[i] = result
         waiting = [i for i in waiting if i not in ready]
+    progress.tell_stored()
     pairs = zip(runs, results, strict=True)
     return [{**run.cells, **result, "problem": run.problem} for run, result in pairs]
 
