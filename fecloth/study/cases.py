@@ -60,10 +60,9 @@ class Progress:
         self.measured = 0.0  # estimated cost of those which measured their seconds
         self.seconds = 0.0  # what these took, without imports and machine code
         self.begin = clock()
-        self.stored = 0  # cases whose stored results no line has told yet
-        if stored:
-            self.stored = stored
-            self.tell_stored()
+        self.stored = stored
+        self.told = 0  # stored cases that a line has counted
+        self.tell_stored()
 
     def leave_out(self, costs: Sequence[float]) -> None:
         """Leave out cases of these costs: their results are stored."""
@@ -72,11 +71,11 @@ class Progress:
         self.stored += len(costs)
 
     def tell_stored(self) -> None:
-        """Print how many results are stored, if there are any that no line has told."""
-        if self.stored and not self.quiet:
+        """Print how many results are stored, if no line has counted all of them."""
+        if self.stored > self.told and not self.quiet:
             words = f"cases already stored: {self.stored} of {self.stored + self.count}"
             print(words, file=sys.stderr)
-        self.stored = 0
+        self.told = self.stored
 
     @property
     def elapsed(self) -> float:

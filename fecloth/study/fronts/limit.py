@@ -24,7 +24,7 @@ from fecloth.study.fronts.bench import Bench, check_sizes
 from fecloth.study.fronts.settings import ALL_METHODS, Line, Setting
 from fecloth.study.result import Table
 from fecloth.study.runs import record_at
-from fecloth.study.states import find_states, run_other_starts
+from fecloth.study.states import find_states, may_have_others, run_other_starts
 from fecloth.study.status import OK
 from fecloth.study.uncertainty import Estimate, estimate_uncertainty
 
@@ -238,6 +238,8 @@ def find_limit(
 
 def _with_states(limit: Limit, bench: Bench) -> Limit:
     """Return a limit that says whether its levels, and other starts, have several states."""
+    if not may_have_others(limit.finest):
+        return limit
     how = replace(bench.runs, quiet=True)
     starts = run_other_starts(limit.rows, limit.quantities, how, most=bench.left)
     for quantity, estimate in zip(limit.quantities, limit.estimates, strict=True):
