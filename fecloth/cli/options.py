@@ -33,7 +33,7 @@ Quantity = Annotated[
 Quantities = Annotated[Texts, 'as "max tip.z"; may be repeated (default: all of [interest])', "Q"]
 Refine = Annotated[Literal["h", "dt", "both"], "what is refined (h)"]
 Levels = Annotated[int, "from 3 to 10 (%(default)s)", "N"]
-Ratio = Annotated[float | None, "h or dt of a level over the next (2 or √2)", "R"]
+Ratio = Annotated[float | None, "h or dt of a level over the next (2)", "R"]
 Over = Annotated[
     list[str],
     "values of a key: KEY=a:b:log:n, KEY=a:b:lin:n or KEY=v1,v2; may be repeated",

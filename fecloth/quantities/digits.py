@@ -1,13 +1,17 @@
 """Numbers with as many digits as their uncertainty allows."""
 
+import math
+
 
 def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:
     """Return a value and its uncertainty, both to the second digit of the uncertainty.
 
     Numbers from 0.001 to 100,000 are decimals, as "1.23 ± 0.12"; other ones have a power of
     ten. Without an uncertainty above 0, or for numbers that are not finite, the value has up to
-    eight digits.
+    eight digits. An uncertainty that is NaN is not known.
     """
+    if math.isnan(uncertainty) and math.isfinite(value):
+        return f"{value:.8g} {unit}".strip() + ", ± not known"
     size = max(abs(value), uncertainty)
     if not uncertainty > 0 or not size < float("inf"):
         text = f"{value:.8g} ± {uncertainty:.2g}"

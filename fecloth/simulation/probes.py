@@ -11,6 +11,7 @@ from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.linalg.reductions import weighted_sum
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.peak import Peak
 from fecloth.mesh.selection import Where
 from fecloth.mesh.surface import Enclosure
 from fecloth.quantities.arguments import checks_arguments
@@ -138,7 +139,7 @@ class Observer:
 
     They are the places of the probes, the mean displacement, the sag, the area, the reactions of
     pins and obstacles, and the least distances from obstacles. The sag is the greatest fall of
-    a node since the start, whatever shape the cloth starts in [m].
+    a point since the start, whatever shape the cloth starts in [m]; see `Peak`.
 
     Attributes
     ----------
@@ -146,6 +147,8 @@ class Observer:
         What moves, and its state before the first step.
     probes
         Nodes and weights of each probe, by its name.
+    peak
+        Finds the largest value on the cloth.
     shape
         The closed surface of the cloth, if the largest and the least principal stretch and the
         enclosed volume are recorded too; else None.
@@ -156,6 +159,7 @@ class Observer:
     system: System
     start: State
     probes: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    peak: Peak
     shape: Enclosure | None = None
     measures: tuple[Measure, ...] = ()
 
@@ -174,7 +178,7 @@ class Observer:
         enclosure = None
         if shape:
             enclosure = Enclosure.from_triangles(cloth.cells, len(cloth.X))
-        return cls(system, start, weights, enclosure, measures)
+        return cls(system, start, weights, Peak.on(cloth), enclosure, measures)
 
     def row(self, old: State | None, step, system: System | None = None) -> dict[str, float]:
         """Return the columns after a step, with the reactions over it.
@@ -201,7 +205,7 @@ class Observer:
         for name, (nodes, weights) in self.probes.items():
             row |= _components(name, weighted_sum(weights, state.x[nodes], np.zeros(3)))
         row |= _components("mean_displacement", self.system.sums.mean(mass, displacement))
-        row["sag"] = float(-displacement[:, 2].min())
+        row["sag"] = self.peak.largest(-displacement[:, 2])
         row["area"] = area(self.system.cloth, state.x)
         if self.shape:
             least, largest = extreme_stretches(self.system.cloth, state.x)

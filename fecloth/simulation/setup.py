@@ -157,13 +157,17 @@ class Setup:
         L is the extent of the cloth. The nodes move upward along its mean normal, so that they
         do not enter an obstacle below. The same `seed` makes the same waves.
         """
-        x = self.start.x
         cloth = self.cloth
         draw = np.random.default_rng(seed)
-        normal = _mean_normal(x[cloth.triangles[:, :3]])
         waves = draw.normal(size=(WAVES, 2)) * 2 * math.pi / cloth.extent
         phases = cloth.X @ waves.T + draw.uniform(0, 2 * math.pi, WAVES)
         height = DISTURBANCE * cloth.extent * (1 + np.cos(phases).mean(axis=1)) / 2
+        return self.raised(height)
+
+    def raised(self, height: np.ndarray) -> Self:
+        """Return the setup with its free nodes raised by heights (n,) along its mean normal [m]."""
+        x = self.start.x
+        normal = _mean_normal(x[self.cloth.triangles[:, :3]])
         moved = self.system.constraints.project(height[:, None] * normal)
         return replace(self, start=replace(self.start, x=x + moved))
 

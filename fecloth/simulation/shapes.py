@@ -161,14 +161,7 @@ def find_wrinkles(system: System, state: State, moved: float) -> Doubt | None:
 
     There is none without membrane stresses. See `doubt_wrinkles`.
     """
-    membranes = [term for term in system.bound if term.has_stress]
-    cells: dict[str, np.ndarray] = {}
-    if membranes:
-        stress = np.zeros((len(system.cloth.triangles), 4))
-        for term in membranes:
-            term.add_stress(state.x, stress)
-        S11, S22, S12, _ = stress.T
-        cells = {"S11": S11, "S22": S22, "S12": S12}
+    cells = stress_cells(system, state.x)
     angles = hinge_angles(system.cloth, state.x)
     rough = roughness(system.cloth, angles)
     angle = 0.0
@@ -178,6 +171,18 @@ def find_wrinkles(system: System, state: State, moved: float) -> Doubt | None:
     if moved:
         height = 0.5 * mean_edge(system) * angle / moved
     return doubt_wrinkles(system, compressed_share(system, cells), rough, angle, height)
+
+
+def stress_cells(system: System, x: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the membrane stresses S11, S22, S12 (m,) [N/m] by name; none without a membrane."""
+    membranes = [term for term in system.bound if term.has_stress]
+    if not membranes:
+        return {}
+    stress = np.zeros((len(system.cloth.triangles), 4))
+    for term in membranes:
+        term.add_stress(x, stress)
+    S11, S22, S12, _ = stress.T
+    return {"S11": S11, "S22": S22, "S12": S12}
 
 
 def doubt_intersections(

@@ -60,8 +60,22 @@ class Progress:
         self.measured = 0.0  # estimated cost of those which measured their seconds
         self.seconds = 0.0  # what these took, without imports and machine code
         self.begin = clock()
-        if stored and not quiet:
-            print(f"cases already stored: {stored} of {stored + self.count}", file=sys.stderr)
+        self.stored = stored
+        self.told = 0  # stored cases that a line has counted
+        self.tell_stored()
+
+    def leave_out(self, costs: Sequence[float]) -> None:
+        """Leave out cases of these costs: their results are stored."""
+        self.count -= len(costs)
+        self.cost -= sum(costs)
+        self.stored += len(costs)
+
+    def tell_stored(self) -> None:
+        """Print how many results are stored, if no line has counted all of them."""
+        if self.stored > self.told and not self.quiet:
+            words = f"cases already stored: {self.stored} of {self.stored + self.count}"
+            print(words, file=sys.stderr)
+        self.told = self.stored
 
     @property
     def elapsed(self) -> float:
@@ -97,6 +111,7 @@ class Progress:
         estimated cost. With `quiet` the case is counted, but nothing is printed. Raise
         `InputError` if the other cases will take longer than `most_seconds`.
         """
+        self.tell_stored()
         self.add(cost, result.get("case_seconds"))
         if self.quiet:
             return
@@ -215,6 +230,7 @@ def run_cases(
     costs: Sequence[float] | None = None,
     most_seconds: float | None = None,
     quiet: bool = False,
+    progress: Progress | None = None,
 ) -> list[dict[str, object]]:
     """Run `function(**settings)` for the settings of each case; rows in the order of the cases.
 
@@ -249,6 +265,9 @@ def run_cases(
         Time left after the first case above which the study stops [s]; None for no limit.
     quiet
         Print no progress lines.
+    progress
+        What prints them, for cases that are a part of a study; by default one for these cases.
+        With it the two arguments before have no effect.
     """
     all_cases = [Case.of(function, settings) for settings in cases]
     keys = [case.key for case in all_cases]
@@ -265,13 +284,15 @@ def run_cases(
         finished_cases = run_in_processes(missing, at_once, time_limit)
     else:
         finished_cases = _run_here(missing, function, time_limit)
-    progress = Progress(
-        [cost_of[case.key] for case in missing],
-        stored=len(results),
-        at_once=at_once,
-        most_seconds=most_seconds,
-        quiet=quiet,
-    )
+    if progress is None:
+        costs_to_run = [cost_of[case.key] for case in missing]
+        progress = Progress(costs_to_run, len(results), at_once, most_seconds, quiet)
+    else:
+        progress.at_once = at_once
+        stored = list(keys)
+        for case in missing:
+            stored.remove(case.key)
+        progress.leave_out([cost_of[key] for key in stored])
     try:
         for case, result in finished_cases:  # they run while this loop waits for the next one
             _write_result(case, result, out, time_limit)

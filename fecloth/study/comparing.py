@@ -27,6 +27,7 @@ from fecloth.study.refinement import Limit, summarise
 from fecloth.study.result import Table
 from fecloth.study.run_table import row_of_run
 from fecloth.study.runs import Run, end_of, print_doubts, record_at, refuse_huge
+from fecloth.study.states import run_other_starts
 from fecloth.study.status import NO_VALUE, OK, failure
 from fecloth.study.variants import Over, combine, name_variant, plan, read_ranges, run_planned
 
@@ -97,7 +98,8 @@ def compare(
         if "problem" in rows[0]:
             variant = rows[0]["problem"]
             parts = rows[:levels], rows[levels:]
-            studies[name] = summarise(variant, chosen_quantity, refine, *parts)
+            starts = run_other_starts(rows[:levels], [chosen_quantity], how)
+            studies[name] = summarise(variant, chosen_quantity, refine, *parts, starts)
     return replace(_conclude(studies, chosen_quantity, refine), doubts=doubts)
 
 
@@ -171,8 +173,8 @@ def _subtract(a: Convergence, b: Convergence, quantity: Quantity) -> Difference:
     There are two estimates of its uncertainty, of which the smaller counts. The first is the
     sum U_a + U_b, because errors of two models on one mesh are not independent. The second takes
     the difference on each level as a value that converges by itself: most of the errors of both
-    variants is the same, and drops out. It needs the same levels in both variants. In % the
-    uncertainty of a itself adds |d| U_a/|a|.
+    variants is the same, and drops out. It needs the same levels, and one state, in both
+    variants. In % the uncertainty of a itself adds |d| U_a/|a|.
     """
     is_number = math.isfinite(a.limit)
 
@@ -185,7 +187,7 @@ def _subtract(a: Convergence, b: Convergence, quantity: Quantity) -> Difference:
     differences = [subtract(*pair) for pair in zip(a.levels, b.levels, strict=True)]
     limit = best_value(b) - best_value(a) if is_number else differences[-1]
     uncertainty = a.uncertainty + b.uncertainty
-    if _have_same_levels(a, b):
+    if _have_same_levels(a, b) and a.is_one_state and b.is_one_state:
         pairs = zip(a.others, b.others, strict=True)
         changes = [abs(subtract(*pair) - differences[0]) for pair in pairs]
         space_order, _ = a.levels[0]["problem"].orders(quantity)

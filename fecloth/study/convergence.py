@@ -11,10 +11,10 @@ from fecloth.mesh.grading import Grading
 from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.study.figures import Figure, labelled, line_style, new_figure, use_plain_ticks
 from fecloth.study.result import UNITS, StudyResult, in_percent
-from fecloth.study.uncertainty import Estimate
+from fecloth.study.uncertainty import LEAST_ORDER, Estimate
 
-# The distance of the observed from the theoretical order, over the theoretical one: the levels
-# are in the asymptotic range up to this distance.
+# The distance of the observed from the theoretical order, over the theoretical one: up to this
+# distance both are called the same.
 ORDER_TOLERANCE = 0.25
 # The differences between levels over the quantity: below it an engineer takes the values as
 # equal, whatever their order.
@@ -46,7 +46,7 @@ class Convergence(StudyResult):
         The quantity on the finest level; of a field, path or vector its size.
     uncertainty
         The exact value is expected in value ± uncertainty: of what was refined, plus the
-        shares.
+        shares; at least the distance of other states. NaN where these are not excluded.
     limit
         The value extrapolated to h = 0 or dt = 0.
     order
@@ -69,6 +69,9 @@ class Convergence(StudyResult):
         Rows of the runs of the levels, coarse to fine.
     others
         Rows of the runs that show the shares of what was not refined.
+    states
+        Of an equilibrium that may have other states: (value, number of folds) of each state that
+        was found, first that of the finest level.
     """
 
     quantity: str = ""
@@ -85,13 +88,14 @@ class Convergence(StudyResult):
     gradings: tuple[Grading, ...] = ()
     levels: Sequence[Mapping] = ()
     others: Sequence[Mapping] = ()
+    states: tuple[tuple[float, float | None], ...] = ()
 
     def notes(self) -> list[str]:
         """Sentences on the extrapolated value, the parts of the error and what was noticed."""
         lines = []
-        # values that oscillate or diverge have no limit to extrapolate to
-        irregular = self.estimate and self.estimate.behaviour in ("oscillating", "diverging")
-        if self.estimate and math.isfinite(self.limit) and not irregular:
+        # other values have no limit to extrapolate to
+        has_limit = self.estimate and self.estimate.behaviour in ("monotone", "constant")
+        if self.estimate and math.isfinite(self.limit) and has_limit:
             procedure = self.estimate.procedure
             text = f"{self.limit:.8g} {self.unit}".strip()
             lines.append(f"Extrapolated value: {text}. Procedure: {procedure}.")
@@ -132,6 +136,11 @@ class Convergence(StudyResult):
         return drawing
 
     @property
+    def is_one_state(self) -> bool:
+        """Whether no other state of an equilibrium was found, and some other start was tried."""
+        return len(self.states) < 2 and not math.isnan(self.uncertainty)
+
+    @property
     def size_name(self) -> str:
         """The column of the table that has the sizes: dt, if only the step was refined, or h."""
         return "dt" if self.refine == "dt" else "h"
@@ -168,11 +177,12 @@ def judge(
     obstacles: Sequence[str],
     size: float = 0.0,
     doubt: Doubt | None = None,
+    usual_cause: str = "",
 ) -> tuple[bool, str]:
     """Return whether values converge, and the verdict: a sentence that says so, or why not.
 
-    They converge if they are equal, or if the observed order is at least 75 % of the theory and
-    the fit shows more than scatter.
+    They converge if they are equal, or if they have an order that can be trusted and the fit
+    shows more than scatter. The sentence says whether the order is above or below the theory.
 
     Parameters
     ----------
@@ -187,6 +197,8 @@ def judge(
         part of it, the verdict states this part.
     doubt
         Doubt about the finest run by which its values are no evidence, or None.
+    usual_cause
+        Words on the usual cause of an order below the theory, where there are no obstacles.
     """
     if doubt:
         return False, f"not known to converge: the finest run warns of {doubt}"
@@ -204,13 +216,17 @@ def judge(
         return False, f"no order to be seen within {in_percent(spread / size)}"
     if estimate.behaviour == "oscillating":
         return False, f"does not converge: the values go up and down from level to level.{why}"
+    if estimate.behaviour == "without order":
+        return False, f"not known to converge: the changes between levels follow no order.{why}"
     if estimate.behaviour == "diverging" or (order < SLOWEST_ORDER and obstacles):
         return False, f"does not converge: refinement does not reduce the changes.{why}"
     orders = f"observed order {order:.2f}, theory {theory:g}"
     # with scatter ≥ data_range the fit shows scatter only, and the order says nothing
-    if order >= (1 - ORDER_TOLERANCE) * theory and estimate.scatter < estimate.data_range:
-        how = "as it should"
-        if order > (1 + ORDER_TOLERANCE) * theory:
-            how = "faster than its theory"
-        return True, f"converges {how} ({orders})"
-    return False, f"not yet in the asymptotic range ({orders}).{why}"
+    if order < LEAST_ORDER or estimate.scatter >= estimate.data_range:
+        return False, f"not yet in the asymptotic range ({orders}).{why}"
+    if order < (1 - ORDER_TOLERANCE) * theory:
+        cause = f" ({'; '.join(obstacles)})" if obstacles else usual_cause
+        return True, f"converges with order {order:.2f}, below the theory {theory:g}{cause}"
+    if order > (1 + ORDER_TOLERANCE) * theory:
+        return True, f"converges faster than its theory ({orders})"
+    return True, f"converges as it should ({orders})"

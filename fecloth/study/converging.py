@@ -56,8 +56,7 @@ def converge(
         "h", "dt", or "both" in the ratio that balances their errors, dt ∝ h^(p/q) for the
         orders p and q.
     levels, ratio
-        Their number, and h or dt of a level over h or dt of the next level: by default 2, for
-        h of unstructured meshes √2.
+        Their number, and h or dt of a level over h or dt of the next level: by default 2.
     grade
         Whether to run the levels again on meshes graded towards corners and pins, as
         `choose_gradings` finds them from the error in space of the first level. Then the

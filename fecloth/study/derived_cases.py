@@ -31,6 +31,7 @@ from fecloth.study.derivation import (
     Recorded,
     derive_run,
 )
+from fecloth.study.laying import describe_state
 from fecloth.study.measured_runs import columns_to_record, measure, record_of
 from fecloth.study.modes import Modes, modes
 from fecloth.study.parameters import Parameter
@@ -160,6 +161,8 @@ def _derive(problem: StudyProblem, setup: Setup, sought: Sought, setup_at: Setup
             raise InputError(f"{quantity} = {value}", "must be a finite number", "quantity")
         row["values"].append(np.asarray(value).tolist())
         row["slopes"].append([np.asarray(derivative).tolist() for derivative in derivatives])
+    if setup.is_static:
+        row["folds"] = describe_state(setup, state.x)["folds"]
     row["sizes"] = list(derivation.sizes)
     row["method"] = derivation.method
     row["why"] = derivation.why

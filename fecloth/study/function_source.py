@@ -65,7 +65,6 @@ class FunctionSource:
     usual_variations: ClassVar[tuple[str, ...]] = ()  # its other arguments vary only if asked
     tells_method: ClassVar[bool] = False  # before a set-up is made
     interest: ClassVar[tuple[Quantity, ...]] = ()  # a function names no quantities
-    is_nested: ClassVar[bool] = True  # the meshes of a function are taken as nested
     fabrics: ClassVar[Mapping[str, Fabric]] = {}  # which are not known by name
     suffix: ClassVar[str] = "txt"  # of a file with its text
 

@@ -1,6 +1,7 @@
 """The runs of a study of convergence: its levels, and one run for each error that they hide."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from fecloth import validation
 from fecloth.errors import InputError, did_you_mean
@@ -10,6 +11,7 @@ from fecloth.study.runs import Run
 
 # What is refined, and the name of its part of the error.
 REFINED = {"h": "mesh", "dt": "time step", "both": "mesh and time step"}
+RATIO = 2.0  # of two levels: smaller ones do not separate levels of unstructured meshes
 # rtol over rtol of the run that shows the error of chosen steps: the error falls to a fifth, so
 # that the change is most of it.
 RTOL_RATIO = 10.0
@@ -42,18 +44,20 @@ def levels_to_run(
 ) -> list[Run]:
     """Return the runs of the levels, coarse to fine, and after them those for other errors.
 
-    With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
-    keep their share. Raise `InputError` for what `check_levels` or the problem refuses.
+    A finer level of an equilibrium starts from the solution of the level before, and so stays on
+    its branch. With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors
+    of both keep their share. Raise `InputError` for what `check_levels` or the problem refuses.
     """
     check_levels(refine, levels, ratio)
     problem.check_refining(refine)
     space_order, time_order = problem.orders(quantity)
-    ratio = ratio or problem.ratio(refine)
+    ratio = ratio or RATIO
     ratios = {refine: ratio}
     if refine == "both":
         ratios = {"h": ratio, "dt": ratio ** (space_order / time_order)}
     divisors = [{name: ratio**k for name, ratio in ratios.items()} for k in range(levels)]
-    runs = [_level(problem, {}, of_level) for of_level in divisors]
+    first, *finer = (_level(problem, {}, of_level) for of_level in divisors)
+    runs = [first, *(replace(run, follows=problem.is_static) for run in finer)]
     return runs + _runs_for_other_errors(problem, quantity, refine, time_order)
 
 
@@ -90,7 +94,7 @@ def _runs_for_other_errors(
     elif in_time and refine == "h" and problem.can_refine("dt"):
         show("time step", 1 - 2.0**-time_order, dt=2.0)
     elif in_time and refine == "dt" and problem.can_refine("h"):
-        show("mesh", None, h=problem.ratio("h"))
+        show("mesh", None, h=RATIO)
     if problem.has_contact:
         show("gap", 1 - 1 / 2.0, gap=2.0)  # of first order
     if in_time and not problem.is_explicit:

@@ -21,6 +21,8 @@ from fecloth.simulation.quantity_values import RunRecord
 from fecloth.simulation.record_steps import ROWS
 from fecloth.simulation.run import columns
 from fecloth.simulation.setup import Setup
+from fecloth.study.coarser_start import rest_from
+from fecloth.study.laying import describe_state, lay
 from fecloth.study.modes import modes as natural_modes
 from fecloth.study.orders import find_obstacles
 from fecloth.study.status import TimeLimit, check_progress, check_time_limit
@@ -40,6 +42,8 @@ def measure_problem(
     modes: int = 0,
     disturbed: int | None = None,
     change: Callable[[Setup], Setup] | None = None,
+    coarser: Mapping[str, Any] | None = None,
+    laid: str = "",
     **more: Any,
 ) -> dict:
     """Return the row of `measure` of a problem, with the seconds of set-up and all runs.
@@ -47,7 +51,9 @@ def measure_problem(
     These `case_seconds` are by the clock, which a user waits for: other programs and threads
     count. They are without the first calls of kernels, which other runs of the process need not
     make. `disturbed` is the seed of a disturbance of the start, `change` a function that returns
-    the set-up to run, `more` are arguments of `measure`.
+    the set-up to run, `more` are arguments of `measure`. `coarser` has the case of a `problem` on
+    a coarser mesh and its `displacement` (n, 3) at rest: an equilibrium starts from there, or, if
+    it is not found so, as it would without. `laid` is a way of `ways_of_laying`.
     """
     begin = time.perf_counter()
     setup = problem.setup()
@@ -55,10 +61,23 @@ def measure_problem(
         setup = change(setup)
     if disturbed is not None:
         setup = setup.disturbed(disturbed)
+    if laid:
+        setup = lay(setup, laid)
     begin_of_compilation = time.perf_counter()
     compile_kernels(setup)
     begin += time.perf_counter() - begin_of_compilation
-    row = measure(setup, recorded, modes, **more)
+    near = None
+    if coarser:
+        coarser_problem = coarser["problem"]
+        if isinstance(coarser_problem, Mapping):
+            coarser_problem = problem.of_case(**coarser_problem)
+        near = rest_from(setup, coarser_problem.source.cloth, coarser["displacement"])
+    row = None
+    if near:
+        with suppress(FeclothError):  # as a start that enters an obstacle
+            row = measure(setup, recorded, modes, near=near, **more)
+    if row is None:
+        row = measure(setup, recorded, modes, **more)
     return row | {"case_seconds": time.perf_counter() - begin}
 
 
@@ -71,6 +90,7 @@ def measure(
     repeats: int = REPEATS,
     most: float | None = None,
     rest: Rest = equilibrium,
+    near: Rest | None = None,
 ) -> dict:
     """Run a setup, and return what quantities need of the run, as numbers and lists.
 
@@ -98,13 +118,15 @@ def measure(
         Longest CPU time of a run [s].
     rest
         Finds the equilibrium of a setup without `t_end`.
+    near
+        Finds the equilibrium from a start near it, in place of `rest` and of load steps.
     """
     quiet = warnings.catch_warnings(action="ignore", category=FeclothWarning)
     with setup.system.team.pinned(), quiet:
         setup = setup.recording(recorded)
         solve: Solve = partial(_march, whole=bool(recorded or function))
-        if setup.t_end is None:
-            solve = partial(_solve, rest=rest)
+        if near or setup.t_end is None:
+            solve = partial(_solve, rest=near or rest)
         elif modes and not setup.is_static:  # modes about the start, so that nothing runs
             solve = partial(_solve, rest=None)
         if timed:
@@ -129,6 +151,8 @@ def measure(
         if modes:
             shapes = natural_modes(setup.system, end, count=modes)
             row["frequencies"] = [float(frequency) for frequency in shapes.frequencies]
+        if setup.is_static:
+            row |= describe_state(setup, end.x)
         if function:
             row["function"] = float(function(result))
     cloth = setup.cloth

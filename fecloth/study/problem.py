@@ -265,12 +265,6 @@ class StudyProblem:
         if refine != "h" and (self.is_static or not (self.can_refine("dt") or follows)):
             self.source.refuse_refining("dt")
 
-    def ratio(self, refine: str) -> float:
-        """Return the usual ratio of two levels; for nested meshes it is 2."""
-        if self.source.is_nested or refine == "dt":
-            return 2.0
-        return math.sqrt(2)
-
     def on(self, values: Mapping[str, float], base: Setup) -> Setup:
         """Return the set-up with other values, on the same triangles as `base`.
 

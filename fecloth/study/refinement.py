@@ -24,6 +24,7 @@ from fecloth.study.runs import (
     record_at,
     run_quantities,
 )
+from fecloth.study.states import find_states, run_other_starts
 from fecloth.study.status import OK
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
 
@@ -54,7 +55,8 @@ def refine_problem(
     runs = levels_to_run(problem, quantity, refine, levels, ratio)
     announce(runs, how, stages)
     rows = run_quantities(runs, [quantity], how)
-    return summarise(problem, quantity, refine, rows[:levels], rows[levels:])
+    starts = run_other_starts(rows[:levels], [quantity], how)
+    return summarise(problem, quantity, refine, rows[:levels], rows[levels:], starts)
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ def summarise(
     refine: str,
     rows: Sequence[Mapping],
     more: Sequence[Mapping],
+    starts: Sequence[Mapping] = (),
 ) -> Convergence:
     """Return the result from the rows of all levels.
 
@@ -121,6 +124,8 @@ def summarise(
         Rows of the refined levels, coarse to fine.
     more
         Rows of the runs for other errors. A failed one is left out.
+    starts
+        Rows of `run_other_starts`.
     """
     space_order, time_order = problem.orders(quantity)
     described: dict[str, Any] = {  # the fields of the result that say what was studied
@@ -158,9 +163,13 @@ def summarise(
         obstacles=[] if refine == "dt" else rows[-1]["obstacles"],  # to convergence in h
         size=abs(values[-1]),
         doubt=next((doubt for doubt in doubts if doubt.kind is DoubtKind.WRINKLES), None),
+        usual_cause="" if refine == "dt" else ", as at clamped corners",
     )
-    value_words = with_uncertainty(values[-1], limit.uncertainty, described["unit"])
-    answer = f"{quantity.text} = {value_words}"
+    states = find_states(quantity, rows, starts, limit.uncertainty)
+    uncertainty = math.nan if states.is_unknown else max(limit.uncertainty, states.distance)
+    if states.why:
+        converges, verdict = False, states.why
+    answer = f"{quantity.text} = {with_uncertainty(values[-1], uncertainty, described['unit'])}"
     errors = limit.errors(judged_numbers)
     cells = []
     for row, size, value, error in zip(rows, sizes, values, errors, strict=True):
@@ -169,7 +178,8 @@ def summarise(
         verdict=f"{verdict}: {answer}" if converges else f"{verdict}\nFinest level: {answer}",
         table=Table(tuple(cells)),
         value=values[-1],
-        uncertainty=limit.uncertainty,
+        uncertainty=uncertainty,
+        states=states.states,
         # the limit of differences between levels is no limit of the quantity
         limit=limit.estimate.limit if judged_numbers is values else math.nan,
         order=limit.estimate.order,

@@ -18,9 +18,10 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
 from fecloth.study.cases import Progress, run_cases
+from fecloth.study.coarser_start import needs_the_way
 from fecloth.study.measured_runs import REPEATS, columns_to_record, measure_problem, record_of
 from fecloth.study.problem import StudyProblem
-from fecloth.study.work import ANYWAY, LONGEST, START, Work, in_magnitude
+from fecloth.study.work import ANYWAY, LONGEST, Work, in_magnitude, start_seconds
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -90,6 +91,8 @@ class Run:
         Its other arguments.
     own_work
         The estimated size of the run, where it is not the size of its problem.
+    follows
+        Whether it starts from the solution of the run before it in the list, on a coarser mesh.
     """
 
     problem: StudyProblem
@@ -98,6 +101,7 @@ class Run:
     function: Callable[..., dict] = measure_problem
     arguments: Mapping[str, Any] = field(default_factory=dict)
     own_work: Work | None = None
+    follows: bool = False
 
     @cached_property
     def case(self) -> dict | None:
@@ -161,7 +165,11 @@ def run_quantities(
         common["function"] = functions[0]
     if how.timed:
         common |= {"timed": True, "repeats": how.repeats}
-    measuring = [replace(run, arguments={**common, **run.arguments}) for run in to_run]
+    is_of_end = not any(needs_the_way(quantity) for quantity in needed_quantities)
+    measuring = [
+        replace(run, arguments={**common, **run.arguments}, follows=run.follows and is_of_end)
+        for run in to_run
+    ]
     rows = iter(run_all(measuring, how))
     return [judged(next(rows)) if isinstance(run, Run) else dict(run) for run in runs]
 
@@ -191,6 +199,37 @@ def run_case_of_problem(run: str, problem: dict, arguments: dict) -> dict:
 def run_all(runs: Sequence[Run], how: Runs) -> list[Row]:
     """Make the runs, and return their rows in the same order, each with its cells and problem.
 
+    Runs that follow others wait for them; all others run first, side by side.
+    """
+    costs = [run.seconds for run in runs]
+    progress = Progress(costs, most_seconds=how.most_seconds, quiet=how.quiet)
+    results: list[dict] = [{} for _ in runs]
+    waiting = list(range(len(runs)))
+    while waiting:
+        ready = [i for i in waiting if not (runs[i].follows and i - 1 in waiting)]
+        wave = [_begin_at(runs[i], runs[i - 1], results[i - 1]) for i in ready]
+        for i, result in zip(ready, _run_side_by_side(wave, how, progress), strict=True):
+            results[i] = result
+        waiting = [i for i in waiting if i not in ready]
+    progress.tell_stored()
+    pairs = zip(runs, results, strict=True)
+    return [{**run.cells, **result, "problem": run.problem} for run, result in pairs]
+
+
+def _begin_at(run: Run, coarser: Run, result: Mapping) -> Run:
+    """Return a run that begins at the result of a run on a coarser mesh, if it follows that."""
+    if not run.follows or result["status"] != status.OK:
+        return run
+    problem: Any = coarser.problem
+    if coarser.case is not None:
+        problem = problem.case()
+    start = {"problem": problem, "displacement": result["displacement"]}
+    return replace(run, arguments={**run.arguments, "coarser": start})
+
+
+def _run_side_by_side(runs: Sequence[Run], how: Runs, progress: Progress) -> list[dict]:
+    """Make runs that wait for no other, and return their results.
+
     A run that any process can make is a case, whose result is stored; see `run_cases`. A run that
     only this process can make is made here, and its result is not stored.
     """
@@ -198,13 +237,15 @@ def run_all(runs: Sequence[Run], how: Runs) -> list[Row]:
     for_this_process = [run for run in runs if run.case is None]
     results: dict[Run, dict] = {}
     if for_any_process:
-        results |= zip(for_any_process, _run_as_cases(for_any_process, how), strict=True)
+        made = _run_as_cases(for_any_process, how, progress)
+        results |= zip(for_any_process, made, strict=True)
     if for_this_process:
-        results |= zip(for_this_process, _run_here(for_this_process, how), strict=True)
-    return [{**run.cells, **results[run], "problem": run.problem} for run in runs]
+        made = _run_here(for_this_process, how, progress)
+        results |= zip(for_this_process, made, strict=True)
+    return [results[run] for run in runs]
 
 
-def _run_as_cases(runs: Sequence[Run], how: Runs) -> list[dict]:
+def _run_as_cases(runs: Sequence[Run], how: Runs, progress: Progress) -> list[dict]:
     """Make runs that any process can make, and return their results; see `run_cases`.
 
     Results are stored in the cache of `how`, if there is one, and read from there.
@@ -220,23 +261,20 @@ def _run_as_cases(runs: Sequence[Run], how: Runs) -> list[dict]:
         fresh=how.fresh,
         label=lambda settings: runs[cases.index(dict(settings))].words,
         costs=[run.seconds for run in runs],
-        most_seconds=how.most_seconds,
-        quiet=how.quiet,
+        progress=progress,
     )
 
 
-def _run_here(runs: Sequence[Run], how: Runs) -> list[dict]:
+def _run_here(runs: Sequence[Run], how: Runs, progress: Progress) -> list[dict]:
     """Make runs one after the other in this process, and return their results.
 
     A run that fails has a result with its status and cause. Progress lines are printed.
     """
-    costs = [run.seconds for run in runs]
     results = list[dict]()
-    progress = Progress(costs, most_seconds=how.most_seconds, quiet=how.quiet)
-    for run, cost in zip(runs, costs, strict=True):
+    for run in runs:
         arguments = {"problem": run.problem, **run.arguments}
         results.append(status.attempt(run.function, arguments, how.time_limit))
-        progress.print(run.words, results[-1], cost)
+        progress.print(run.words, results[-1], run.seconds)
     return results
 
 
@@ -244,19 +282,22 @@ def announce(runs: Iterable[Run | Mapping], how: Runs, stages: int = 1) -> None:
     """Print the size of a study before its first case, and refuse one that takes far too long.
 
     The line has the number of cases, of triangles and of steps, the number of `stages` that the
-    study has at most, and the order of magnitude of the time, with start, meshing and
-    compilation. Raise `InputError` if that is above `how.most_seconds`.
+    study has at most (0 for a further stage, which is called so), and the order of magnitude of
+    the time, with start, meshing and compilation. Raise `InputError` if that is above
+    `how.most_seconds`.
     """
     to_run = [run for run in runs if isinstance(run, Run)]
     if not to_run:
         return
     at_once = 1 if how.scheduler else how.jobs
-    seconds = START + sum(run.seconds for run in to_run) / at_once
+    seconds = start_seconds() + sum(run.seconds for run in to_run) / at_once
     largest = max(to_run, key=lambda run: run.work.triangles).work
     most_steps = max(run.work.steps for run in to_run)
     count = amount(len(to_run), "case")
     if stages > 1:
         count = f"at most {amount(stages, 'stage')}, the first of {count}"
+    elif not stages:
+        count = f"next stage: {count}"
     size = f"{count}, up to {largest.triangles:,.0f} triangles × {most_steps:,.0f} {largest.unit}"
     print(f"{size}; it may take {in_magnitude(seconds)}", file=sys.stderr, flush=True)
     if how.most_seconds is not None and seconds > how.most_seconds:

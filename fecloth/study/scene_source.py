@@ -120,11 +120,6 @@ class SceneSource:
         return self.scene.time.t_end - self.scene.time.t_start
 
     @property
-    def is_nested(self) -> bool:
-        """Whether the mesh of half of h has all nodes of the mesh of h."""
-        return getattr(self.scene.cloth, "pattern", "unstructured") != "unstructured"
-
-    @property
     def has_stable_steps(self) -> bool:
         """Whether the steps follow from the limit of an explicit method."""
         time = self.scene.time

@@ -17,8 +17,8 @@ With φ_i = φ₀ + α h_i^p on sizes h₁ < h₂ < …, φ₀ the limit and p t
 Both are stated for order 2; here P takes its place, and the fixed powers are P − 1 and P. They
 were fitted to all levels; where p > P the coarse ones spoil such a fit, and the grid
 convergence index of the two finest levels with P, F = 3 and the scatter of the free fit is
-taken if it is smaller: this is not in the papers. Values that oscillate or diverge get at
-least three times their range.
+taken if it is smaller: this is not in the papers. Values that oscillate, diverge or follow no
+order get at least three times their range.
 """
 
 import math
@@ -38,10 +38,12 @@ UNSAFE = 3.0
 # P = 2).
 LEAST_ORDER = 0.5
 ORDER_ABOVE_THEORY = 0.1
-# The orders among which the best fit is searched: wider on both sides than any that is trusted,
-# so that it does not matter where the search ends.
+# The orders among which the best fit is searched. At its ends there is no order.
 LOWEST_FITTED_ORDER = 0.05
 HIGHEST_FITTED_ORDER = 12.0
+# Superconvergence doubles an order at most. Changes that fall faster, up to this margin, are no
+# errors that become smaller: as where the coarse levels have another state.
+MARGIN_OVER_DOUBLED_THEORY = 0.5
 # A range of the values over their size: what differs by less is equal up to what solvers leave.
 EQUAL_VALUES = 1e-11
 
@@ -63,7 +65,8 @@ class Estimate:
     theory
         The theoretical order.
     behaviour
-        "monotone", "oscillating", "diverging" or "constant" (equal to round-off).
+        "monotone", "oscillating", "diverging", "without order" (the changes fall, but not as a
+        power of the size) or "constant" (equal to round-off).
     scatter
         σ of the fit, 0 with three levels.
     data_range
@@ -135,12 +138,24 @@ def is_reasonable(order: float, theory: float) -> bool:
     return LEAST_ORDER <= order <= theory + ORDER_ABOVE_THEORY
 
 
+def judge_order(order: float, theory: float) -> str:
+    """Return the behaviour of values with a fitted order.
+
+    It is "monotone", "diverging" at the low end of the search, where the changes do not fall, or
+    "without order" at the high end, and far above the theory.
+    """
+    if order <= 1.001 * LOWEST_FITTED_ORDER:
+        return "diverging"
+    most = min(2 * theory + MARGIN_OVER_DOUBLED_THEORY, 0.999 * HIGHEST_FITTED_ORDER)
+    return "monotone" if order < most else "without order"
+
+
 def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate:
     """Return the estimate from three levels, fine to coarse (Roache 1994, Celik et al. 2008).
 
     `h` are the sizes and `values` the values of the levels, `theory` is the theoretical order P.
-    Where the values oscillate or diverge, there is no limit, and the uncertainty is three times
-    their range.
+    Where the values oscillate, diverge or follow no order, there is no limit, and the
+    uncertainty is three times their range.
     """
     finest = float(values[0])
     spread = float(np.ptp(values))
@@ -160,8 +175,9 @@ def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) ->
     if fine_change * coarse_change <= 0:  # the values go up and down
         return without_limit
     order = observed_order(h, values)
-    if not order > 0:  # the changes do not get smaller
-        return replace(without_limit, order=order, behaviour="diverging")
+    behaviour = judge_order(order, theory)
+    if behaviour != "monotone":
+        return replace(without_limit, behaviour=behaviour)
     p = theory
     factor = UNSAFE
     if is_reasonable(order, theory):
@@ -235,8 +251,8 @@ def _least_squares(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate
     """Return the estimate from four or more levels, fine to coarse (Eça and Hoekstra 2014).
 
     `h` are the sizes and `values` the values of the levels, `theory` is the theoretical order P.
-    Where the values oscillate or diverge, there is no limit and no order, and the uncertainty is
-    at least three times the range of the three finest levels.
+    Where the values oscillate, diverge or follow no order, there is no limit and no order, and
+    the uncertainty is at least three times the range of the three finest levels.
     """
     weightings = [np.ones(len(h)), len(h) / h / np.sum(1 / h)]  # equal ones, and ∝ 1/h
     free_fits = [_fit_order(h, values, weights) for weights in weightings]
@@ -252,6 +268,8 @@ def _least_squares(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate
         )
     behaviour = _describe_behaviour(values)
     order = closest.order
+    if behaviour == "monotone":
+        behaviour = judge_order(order, theory)
     if behaviour != "monotone":
         uncertainty = max(uncertainty, UNSAFE * np.ptp(values[:3]))
         limit = float(values[0])

@@ -2,8 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
+
+from fecloth.compiled.cache_folder import cache_folder
 
 START = 3.0  # CPU seconds of the first run of a process: imports, and machine code from disk
+COMPILATION = 20.0  # CPU seconds of kernels whose machine code is not on disk
 MESHING = 3e-5  # CPU seconds per triangle of meshing and binding
 # CPU seconds by the kind of steps on n triangles: of a case beside its steps, of any step, and
 # of a step in proportion to n^p, with p = 1.3 where equations are solved. They are fitted to
@@ -52,6 +56,12 @@ class Work:
         case, least, rate, power = RATES[self.kind]
         step = least + rate * self.triangles**power
         return case + self.triangles * MESHING + self.steps * step
+
+
+def start_seconds() -> float:
+    """CPU time of the first run of a process beside the run itself [s]: start and compilation."""
+    has_machine_code = any(Path(cache_folder()).iterdir())
+    return START if has_machine_code else START + COMPILATION
 
 
 def in_words(seconds: float) -> str:

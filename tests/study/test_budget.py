@@ -1,6 +1,7 @@
 """`budget`: closed forms of its parts, when samples replace them, its words and its mistakes."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -126,11 +127,32 @@ def test_time_space_and_solver_are_halves_of_what_converge_says(tmp_path):
 
 def test_the_share_of_a_gap_belongs_to_the_mesh(monkeypatch):
     shares = {"mesh": 9.0, "gap": 4.0 / 3.0, "time step": 0.2, "solver": 0.04}
-    found = SimpleNamespace(value=7.0, estimate=SimpleNamespace(uncertainty=3.0), shares=shares)
+    found = fc.study.converge(pulled, FORCE, levels=3, h=0.5)
+    estimate = replace(found.estimate, uncertainty=3.0)
+    found = replace(found, value=7.0, uncertainty=1.0, estimate=estimate, shares=shares)
     monkeypatch.setattr(budgets, "summarise", lambda *given: found)
     answer = fc.budget(pulled, quantity=FORCE, h=0.5)
+    assert answer.start == 0.0
     assert (answer.value, answer.space) == (7.0, 2.5)
     assert (answer.time, answer.solver) == (pytest.approx(0.3), pytest.approx(0.06))
+
+
+@pytest.mark.parametrize(("measured", "agrees"), [(8.5, True), (8.7, False)])
+def test_the_distance_of_states_is_a_part_of_the_total(measured, agrees, monkeypatch):
+    found = fc.study.converge(pulled, FORCE, levels=3, h=0.5)
+    several = ((7.0, 4.0), (6.2, 5.0))
+    found = replace(found, value=7.0, uncertainty=0.8, verdict="several states: …", states=several)
+    monkeypatch.setattr(budgets, "summarise", lambda *given: found)
+    answer = fc.budget(pulled, None, {FORCE: (measured, 1e-3)}, FORCE, h=0.5)
+    assert answer.start == pytest.approx(0.8)
+    assert answer.total == pytest.approx(0.8, rel=1e-3)
+    assert answer.agrees == agrees
+    assert any("several states" in words for words in answer.notes())
+    unknown = replace(found, uncertainty=math.nan, states=several[:1])
+    monkeypatch.setattr(budgets, "summarise", lambda *given: unknown)
+    answer = fc.budget(pulled, None, {FORCE: (measured, 1e-3)}, FORCE, h=0.5)
+    assert math.isnan(answer.total)
+    assert "wrong" not in answer.verdict
 
 
 def test_a_part_whose_run_failed_is_not_known(monkeypatch):

@@ -34,10 +34,12 @@ def strip(**more):
 @pytest.mark.parametrize(
     ("order", "words"),
     [
-        (1.48, "not yet in the asymptotic range"),
+        (1.48, "converges with order 1.48, below the theory 2 (folds)"),
+        (0.52, "converges with order 0.52"),
         (1.52, "converges as it should"),
         (2.48, "converges as it should"),
         (2.52, "converges faster"),
+        (0.48, "not yet in the asymptotic range"),
         (0.32, "not yet in the asymptotic range"),
         (0.28, "does not converge: refinement does not reduce"),
     ],

@@ -7,6 +7,7 @@ import pytest
 import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.scene.scene import load_scene
+from fecloth.study import work
 from fecloth.study.cases import Progress
 from fecloth.study.problem import StudyProblem
 from fecloth.study.runs import Run, Runs, announce
@@ -112,7 +113,19 @@ def test_magnitudes_in_words():
     assert words == expected
 
 
-def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
+@pytest.mark.parametrize(("files", "words"), [(["a.nbc"], "some seconds"), ([], "half a minute")])
+def test_the_first_time_is_with_start_and_compilation(files, words, tmp_path, monkeypatch, capsys):
+    for file in files:
+        (tmp_path / file).touch()
+    monkeypatch.setattr(work, "cache_folder", lambda: str(tmp_path))
+    assert work.start_seconds() == (3.0 if files else 23.0)
+    problem = StudyProblem.of(lambda h=1.0: None)
+    announce([Run(problem, "", own_work=Work(1000, 50))], Runs(), stages=0)
+    first_words = "next stage: 1 case, up to 1,000 triangles × 50 steps; it may take"
+    assert capsys.readouterr().err == f"{first_words} {words}\n"
+
+
+def test_a_study_that_would_take_hours_needs_yes(scene, capsys, monkeypatch):
     """A width of 40 m, meant in cm, as in a file of a user."""
     scene.write_text(SCENE.replace("width = 1.0", "width = 40").replace("h = 0.05", "h = 0.01"))
     problem = StudyProblem.of(scene)
@@ -122,6 +135,7 @@ def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
         announce(runs, Runs())
     announce(runs, Runs(most_seconds=None))
     capsys.readouterr()
+    monkeypatch.setattr(work, "cache_folder", lambda: str(scene.parent))  # which is not empty
     announce([Run(problem, "", own_work=Work(1000, 50))], Runs(), stages=2)
     expected = (
         "at most 2 stages, the first of 1 case, up to 1,000 triangles × 50 steps; it may take"

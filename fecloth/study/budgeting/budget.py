@@ -28,12 +28,15 @@ from fecloth.study.runs import (
     run_quantities,
 )
 from fecloth.study.sensitivities import sensitivity
+from fecloth.study.states import run_other_starts
 from fecloth.study.status import OK, REFUSED, failure
 from fecloth.study.uncertainty import UNSAFE
 from fecloth.terms import BendingFriction
 from fecloth.validation import known as known_name
 from fecloth.validation import whole
 
+MOST_STAGES = 5  # levels, slopes, runs that probe the first order, samples, disturbed starts
+PARTS = ("space", "time", "solver", "start")  # of which the levels tell
 LEVELS = 3  # of h: the least number that shows an order
 # Samples where the first order does not hold: their standard deviation is then known to a tenth,
 # 1/√(2 · 63).
@@ -72,9 +75,11 @@ def budget(
     sides, show whether it holds. Where it does not, as where a cloth buckles, samples take its
     place, and their standard deviation is the uncertainty.
 
-    start is the standard deviation over disturbed starts. data is the uncertainty of a measured
-    value D. With `difference` = value − D, they agree where |difference| ≤ 2 total; otherwise
-    the model, its law or the experiment is wrong.
+    start is the standard deviation over disturbed starts. Where an equilibrium has other states,
+    it is at least the largest distance of their values from `value`: the cloth is laid in waves,
+    flat, and dropped, on the finest mesh that the time allows. data is the uncertainty of a
+    measured value D. With `difference` = value − D, they agree where |difference| ≤ 2 total;
+    otherwise the model, its law or the experiment is wrong.
 
     Parameters
     ----------
@@ -143,9 +148,10 @@ def budget(
     refuse_huge(opened, study.runs())
     doubts = print_doubts(opened)
     work = Work(study, quantities)
-    parts, first_values = work.numerical()
+    parts, first_values, remarks_on_states = work.numerical()
     parts["input"], shares, remarks_on_input = work.input(inputs, samples, seed)
-    parts["start"], remarks_on_starts = work.starts(inputs.starts, seed)
+    by_disturbances, remarks_on_starts = work.starts(inputs.starts, seed)
+    parts["start"] = np.maximum(parts["start"], by_disturbances)
     result = make_budget(
         opened=opened,
         quantities=quantities,
@@ -155,7 +161,8 @@ def budget(
         shares=shares,
         is_single=is_single,
     )
-    remarks = [*work.ends_of_friction(first_values), *remarks_on_input, *remarks_on_starts]
+    remarks = [*remarks_on_states, *work.ends_of_friction(first_values)]
+    remarks += [*remarks_on_input, *remarks_on_starts]
     return replace(result, doubts=doubts, remarks=tuple(remarks))
 
 
@@ -211,13 +218,13 @@ class Work:
     study: Opened
     quantities: Sequence[Quantity]
 
-    def numerical(self) -> tuple[dict[str, Any], np.ndarray]:
+    def numerical(self) -> tuple[dict[str, Any], np.ndarray, list[str]]:
         """Run the problem on several levels; return values and numerical uncertainties.
 
-        The first result has arrays (q,) by name: the "value" on the finest level, and the
-        standard uncertainties "space", "time" and "solver". An uncertainty is NaN if a run for
-        it failed. The second result are the values (q,) of the first level, the problem as it
-        is.
+        The first result has arrays (q,) by name: the "value" on the finest level, the standard
+        uncertainties "space", "time" and "solver", and "start", the distance of other states. An
+        uncertainty is NaN if a run for it failed. The second result are the values (q,) of the
+        first level, the problem as it is, the third sentences on several states.
 
         Raises
         ------
@@ -226,13 +233,15 @@ class Work:
         """
         opened = self.study.problem
         levels = levels_to_run(opened, self.quantities[0], "h", LEVELS, None)
-        rows = self._rows(levels)
+        rows = self._rows(levels, MOST_STAGES)
         rows_of_mesh = rows[:LEVELS]
         others = rows[LEVELS:]  # with half of a gap, half of dt, or a sharper solver
         no_share = 0.0 if all(row["status"] == OK for row in others) else np.nan
         columns: list[list[float]] = []
+        remarks = list[str]()
+        starts = run_other_starts(rows_of_mesh, self.quantities, self.study.runs())
         for quantity in self.quantities:
-            study = summarise(opened, quantity, "h", rows_of_mesh, others)
+            study = summarise(opened, quantity, "h", rows_of_mesh, others, starts)
             if study.estimate is None:
                 raise StudyFailed(f"{opened.where}: {study.verdict}")
             # shares are estimated errors: UNSAFE times as much should cover the exact value
@@ -241,15 +250,23 @@ class Work:
             solver = UNSAFE * study.shares.get("solver", no_share)
             space = float(np.hypot(study.estimate.uncertainty, gap))
             # a standard uncertainty is half of one that covers the exact value
-            columns.append([study.value, 0.5 * space, 0.5 * time, 0.5 * solver])
-        value, space_u, time_u, solver_u = np.array(columns).T
-        parts = {"value": value, "space": space_u, "time": time_u, "solver": solver_u}
-        return parts, self.values(rows[:1])[0]
+            start = np.nan
+            if not np.isnan(study.uncertainty):
+                values = [study.value, *(value for value, _ in study.states)]
+                start = float(np.max(np.abs(np.array(values) - study.value)))
+            if not study.is_one_state:
+                remarks.append(f"{quantity.text}: {study.verdict.splitlines()[0]}.")
+            columns.append([study.value, 0.5 * space, 0.5 * time, 0.5 * solver, start])
+        parts = dict(zip(("value", *PARTS), np.array(columns).T, strict=True))
+        return parts, self.values(rows[:1])[0], remarks
 
-    def _rows(self, to_run: Sequence[Run | dict]) -> list[Row]:
-        """Run what can run; raise `InputError` if it would take too long."""
+    def _rows(self, to_run: Sequence[Run | dict], stages: int = 0) -> list[Row]:
+        """Run what can run; raise `InputError` if it would take too long.
+
+        `stages` are as for `announce`.
+        """
         how = self.study.runs()
-        announce(to_run, how)
+        announce(to_run, how, stages)
         return run_quantities(to_run, self.quantities, how)
 
     def values(self, rows: Sequence[Mapping]) -> np.ndarray:

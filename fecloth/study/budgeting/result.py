@@ -56,7 +56,8 @@ class Budget(StudyResult):
     input
         Standard uncertainty by the uncertain numbers.
     start
-        Standard uncertainty by the start; 0 where no starts were disturbed.
+        Standard uncertainty by the start; 0 where no starts were disturbed and an equilibrium has
+        no other states.
     data
         Standard uncertainty of the measured value; 0 where nothing was measured.
     total

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -199,12 +199,16 @@ class Evaluation:
         The columns of all specimens that were run.
     cause
         Why a run failed; "" if none did.
+    folds
+        Number of folds at the end of a run, by the name of its experiment; of equilibria with a
+        rim.
     """
 
     u: np.ndarray
     values: Mapping[str, float]
     columns: tuple[Column, ...]
     cause: str = ""
+    folds: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def fitted(self) -> list[Column]:
@@ -268,9 +272,12 @@ class Fitting:
             rows = run_all(runs, replace(self.how, quiet=True))
         cause = ""
         columns = list[Column]()
+        folds = dict[str, float]()
         for i, row in zip(numbers, rows, strict=True):
             specimen = self.specimens[i]
             if row["status"] == OK:
+                if row.get("folds") is not None:
+                    folds[specimen.experiment.label] = row["folds"]
                 results = self._computed(i, row, values)
                 pairs = zip(specimen.points, results, strict=True)
                 columns += [self._column(i, points, result, u) for points, result in pairs]
@@ -279,7 +286,7 @@ class Fitting:
             for points in specimen.points:
                 nothing = np.full((len(points.values), len(u)), np.nan)
                 columns.append(Column(specimen, points, nothing[:, 0], nothing))
-        return Evaluation(u, values, tuple(columns), cause)
+        return Evaluation(u, values, tuple(columns), cause, folds)
 
     def runs(self, u: np.ndarray, numbers: Sequence[int]) -> list[Run]:
         """Return the runs of the specimens with these `numbers` at the unknowns u (m,).

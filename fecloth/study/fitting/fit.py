@@ -17,6 +17,7 @@ from fecloth.study.fitting.specimens import open_specimens
 from fecloth.study.fitting.statistics import statistics
 from fecloth.study.fitting.unknowns import make_unknowns
 from fecloth.study.runs import Runs, announce
+from fecloth.study.states import describe_several_states
 
 OF_RUNS = ("cache", "jobs", "scheduler", "time_limit", "most_seconds", "fresh")  # how cases run
 # Evaluations that a start usually takes. On finer meshes, where it begins near the end, no more
@@ -132,6 +133,7 @@ def fit(
             finer_end = refine(finer_fitting, end)
             why_not = finer_end.cause
         if finer_fitting and not why_not:
+            remarks += describe_several_states(end.folds, finer_end.folds)
             coarse_end = end
             fitting = finer_fitting
             end = finer_end

@@ -24,6 +24,7 @@ from fecloth.study.fronts.bench import Bench, check_sizes
 from fecloth.study.fronts.settings import ALL_METHODS, Line, Setting
 from fecloth.study.result import Table
 from fecloth.study.runs import record_at
+from fecloth.study.states import find_states, may_have_others, run_other_starts
 from fecloth.study.status import OK
 from fecloth.study.uncertainty import Estimate, estimate_uncertainty
 
@@ -55,12 +56,15 @@ class Limit:
         Their rows.
     estimates
         For each quantity the estimate from the finest levels.
+    states
+        Why the levels of an equilibrium have no common limit, as several states; or "".
     """
 
     quantities: tuple[Quantity, ...]
     settings: tuple[Setting, ...]
     rows: tuple[dict, ...]
     estimates: tuple[Estimate, ...]
+    states: str = ""
 
     @property
     def finest(self) -> dict:
@@ -88,8 +92,8 @@ class Limit:
 
     @property
     def is_known(self) -> bool:
-        """Whether all quantities have an uncertainty."""
-        return bool(np.isfinite(self.uncertainty).all())
+        """Whether all quantities have an uncertainty, and the levels one state."""
+        return not self.states and bool(np.isfinite(self.uncertainty).all())
 
     def is_within(self, wanted: float, levels: int) -> bool:
         """Whether the uncertainty is at most the wanted one, and there are enough levels."""
@@ -98,6 +102,8 @@ class Limit:
     @property
     def why_unknown(self) -> str:
         """Why a quantity has no uncertainty."""
+        if self.states:
+            return self.states
         count = len(self.rows)
         if count < LEAST_LEVELS:
             levels = amount(count, "level")
@@ -227,7 +233,20 @@ def find_limit(
         causes = {row["cause"] for row in bench.rows.values() if row["status"] != OK}
         why = "; ".join(sorted(map(str, causes))) or "the time was too short"
         raise StudyFailed(f"{bench.settings.problem.where}: no limit was found: {why}")
-    return best
+    return _with_states(best, bench)
+
+
+def _with_states(limit: Limit, bench: Bench) -> Limit:
+    """Return a limit that says whether its levels, and other starts, have several states."""
+    if not may_have_others(limit.finest):
+        return limit
+    how = replace(bench.runs, quiet=True)
+    starts = run_other_starts(limit.rows, limit.quantities, how, most=bench.left)
+    for quantity, estimate in zip(limit.quantities, limit.estimates, strict=True):
+        states = find_states(quantity, limit.rows, starts, estimate.uncertainty)
+        if states.why:
+            return replace(limit, states=f"{quantity.text}: {states.why}")
+    return limit
 
 
 def is_second_order(line: Line) -> bool:
