@@ -7,9 +7,15 @@ from fecloth.nonlinear.eigenpairs import least_stiffness
 from fecloth.nonlinear.increments import describe_path, resist_disturbances
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
+from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
+
+LEAVE_INSTABILITY = (
+    'to find a stable one, bend the start: [start] mode = 1, amplitude = "1 mm" in a scene, or '
+    "fc.modes(system, equilibrium).shapes[0] times a small factor, added to the start"
+)
 
 
 def doubt_stability(least: float, zero: float) -> list[Doubt]:
@@ -20,10 +26,18 @@ def doubt_stability(least: float, zero: float) -> list[Doubt]:
         f"the equilibrium is unstable: the least eigenvalue of K is {least:.3g} N/m, so that a "
         "cloth which is disturbed leaves it"
     )
-    remedy = (
-        "bend the start a little, as the first mode of `fecloth modes` does, to find a stable one"
+    return [Doubt(DoubtKind.INSTABILITY, words, LEAVE_INSTABILITY)]
+
+
+def doubt_jumps(jumps: tuple[float, ...]) -> list[Doubt]:
+    """Return a doubt if the cloth jumped, at these factors on the loads, in a list."""
+    if not jumps:
+        return []
+    words = (
+        f"at {jumps[0]:.3g} of the loads the cloth jumped to another branch of equilibria, so "
+        "that more than one may be stable"
     )
-    return [Doubt(DoubtKind.INSTABILITY, words, remedy)]
+    return [Doubt(DoubtKind.BRANCH, words, "compare other load_steps, and disturbed starts")]
 
 
 @remembered
@@ -41,6 +55,8 @@ class RestStability(Account):
         Whether the cloth has come to its equilibrium.
     path
         By `describe_path`.
+    jumps
+        Parts of the loads at which the cloth jumped to another branch.
     """
 
     name = "stability"
@@ -48,6 +64,7 @@ class RestStability(Account):
     zero: float = 0.0
     is_reached: bool = False
     path: str = ""
+    jumps: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, system: System, state: State, load_steps: int = 1) -> "RestStability":
@@ -59,9 +76,13 @@ class RestStability(Account):
         least, zero = least_stiffness(about, state)
         return cls(least, zero, is_reached=True, path=describe_path(system, load_steps))
 
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> "RestStability":
+        return self.changed(jumps=info.memory.method_memory.course.jumps)
+
     def finish(self, run: Run, end: End, others: Accounts) -> "RestStability":
         if end.is_whole:
-            return self.of(run.system, end.state, run.method.load_steps)
+            rest = self.of(run.system, end.state, run.method.load_steps)
+            return rest.changed(jumps=self.jumps)
         return self
 
     def words(self) -> str:
@@ -84,7 +105,7 @@ class RestStability(Account):
         return f"equilibrium: {kind}; the least eigenvalue of K is {self.least:.4g} N/m"
 
     def doubts(self) -> list[Doubt]:
-        return doubt_stability(self.least, self.zero)
+        return [*doubt_stability(self.least, self.zero), *doubt_jumps(self.jumps)]
 
     def summary(self) -> dict[str, object]:
         """Return the stability in the place of the error in time."""
