@@ -24,6 +24,8 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.system.carried import carry
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+from fecloth.terms.kinematics import principal_stretches
+from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import Increment, StepDifference
 from fecloth.terms.traits import traits_of
 
@@ -33,6 +35,11 @@ FARTHEST_TRAVEL = 10.0
 # An increment of the loads grows again after a solution in so many iterations.
 QUICK_ITERATIONS = 8
 SMALLEST_INCREMENT = 1 / 64  # of the first one
+# A half must have less than this part of the deviation of the whole, or halving does not help.
+LESS_DEVIATION = 0.95
+# The principal stretch of a cloth that holds on to its pins while the rest goes far away.
+FARTHEST_STRETCH = 3.0
+TOO_MUCH_LOAD = "Lower the loads: a balloon of rubber bears its limit pressure and no more."
 NO_MEMBRANE = "No membrane resists a stretch: add StVK, and pin the cloth."
 # Iterations with the first normal forces of friction, which may be far off. Each of the next
 # passes may take twice as many.
@@ -170,13 +177,21 @@ class LoadIncrement:
 
     @cached_property
     def carried(self) -> np.ndarray:
-        """(n, 3) where the pins carry the cloth [m]."""
+        """(n, 3) where the pins carry the cloth, without a stretch [m]."""
+        return self._carry(stretches=False)
+
+    @cached_property
+    def stretched(self) -> np.ndarray:
+        """(n, 3) where the pins carry and stretch the cloth evenly [m]."""
+        return self._carry(stretches=True)
+
+    def _carry(self, stretches: bool) -> np.ndarray:
         x = self.start.x
         size = self.end - self.begin
         target, _ = self.system.constraints.target(self.begin, size, x)
         if target is x:
             return x
-        return carry(self.system, x, target)
+        return carry(self.system, x, target, stretches)
 
     def equation(self, place: np.ndarray | None = None) -> StaticEquation:
         """The equation of its end; friction has the normal forces of a `place` (n, 3) there."""
@@ -218,6 +233,27 @@ def describe_path(system: System, load_steps: int | None) -> str:
     return f"{sentence}, and on the number of load steps, here {load_steps}"
 
 
+@remembered
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What the increments so far tell about the next one.
+
+    Attributes
+    ----------
+    rate
+        ∂x/∂(factor on the loads) (n, 3) [m] in the last increment, beyond where the pins carry
+        the cloth; None before the first one.
+    is_smooth
+        Whether the last solution lay where the course led.
+    jumps
+        Factors on the loads where the cloth jumped to another branch of equilibria.
+    """
+
+    rate: np.ndarray | None = None
+    is_smooth: bool = False
+    jumps: tuple[float, ...] = ()
+
+
 class Increase(NamedTuple):
     """What `increase_loads` found.
 
@@ -225,8 +261,8 @@ class Increase(NamedTuple):
     ----------
     solved
         The equilibrium at the end, with the counts of all increments.
-    rate
-        ∂x/∂(factor on the loads) (n, 3) [m], beyond where the pins carry the cloth.
+    course
+        What the increments tell about the next one.
     over
         The system over the last increment.
     history
@@ -236,7 +272,7 @@ class Increase(NamedTuple):
     """
 
     solved: Solved
-    rate: np.ndarray | float
+    course: Course
     over: System
     history: History | None
     path: tuple[SolvedIncrement, ...]
@@ -248,7 +284,7 @@ def increase_loads(
     context: SolverContext,
     largest: float,
     loads: tuple[float, float] = (0.0, 1.0),
-    rate: np.ndarray | float = 0.0,
+    course: Course = Course(),
     history: History | None = None,
     report: Report = lambda iteration: None,
     at: float | None = None,
@@ -258,7 +294,14 @@ def increase_loads(
     The factor is also the time of what moves, unless all stands still `at` a time. An increment
     that is not solved is halved, and doubled again after one that was solved quickly. If no
     small increment is solved at the begin, all loads are tried at once, because a small load
-    may hold a cloth less than the whole. They are not where the equilibrium depends on the path.
+    may hold a cloth less than the whole. They are not where the equilibrium depends on the path
+    or on what moves with the loads.
+
+    An increment is also halved where its solution has left the branch: where it is farther from
+    the prediction than the prediction is from the begin. If it is as far, relative to this
+    way, in the half, then halving does not help: the cloth jumps, and the solution is taken.
+    Where the equilibrium depends on the path anyway, the increments stay as they are.
+
     Raises `EquilibriumFailed` where the increments become too small.
 
     Parameters
@@ -273,8 +316,8 @@ def increase_loads(
         The largest increment of the factor.
     loads
         The first factor and the last one.
-    rate
-        ∂x/∂(factor) at the start [m] beyond where the pins carry the cloth, as far as known.
+    course
+        What is known of the increments before the start.
     history
         What the terms remember at the start. They remember each increment that is solved. One
         that is repeated in smaller ones begins with what they remembered before it.
@@ -291,8 +334,12 @@ def increase_loads(
     over = system
     path = list[SolvedIncrement]()
     depends_on_path = any(term.needs_path for term in system.bound)
-    may_try_all_loads = largest < last_load - first_load and not depends_on_path
+    follows_motion = at is None and moves(system)
+    may_try_all_loads = largest < last_load - first_load and not (
+        depends_on_path or follows_motion or any(record is not None for record in history or ())
+    )
     has_tried_all_loads = False
+    deviation_of_whole = math.inf  # of the increment that was halved
     while reached < last_load:
         load = reached + size
         if load >= last_load - 1e-9:  # what would be left is round-off
@@ -313,7 +360,7 @@ def increase_loads(
             history=history,
         )
         try:
-            solved, over = solve_increment(increment, rate, context, report)
+            solved, over = solve_increment(increment, course.rate, context, report)
         except EquilibriumFailed as failure:
             size /= 2
             if size >= SMALLEST_INCREMENT * largest and not has_tried_all_loads:
@@ -329,15 +376,50 @@ def increase_loads(
                 failure.remedy,
                 load=reached,
             ) from failure
+        deviation = 0.0 if depends_on_path else measure_deviation(increment, course.rate, solved.x)
+        total_counts = total_counts.plus(solved.counts)
+        jumps = course.jumps
+        if deviation > 1.0 and course.is_smooth:
+            can_halve = size / 2 >= SMALLEST_INCREMENT * largest
+            if can_halve and deviation < LESS_DEVIATION * deviation_of_whole:
+                deviation_of_whole = deviation
+                size /= 2
+                continue
+            jumps = (*jumps, load)
+        deviation_of_whole = math.inf
         rate = (solved.x - increment.carried) / increment.size
+        course = Course(rate, is_smooth=deviation <= 1.0, jumps=jumps)
         path.append(SolvedIncrement(increment, solved.x))
         x = solved.x
         reached = load
-        total_counts = total_counts.plus(solved.counts)
         history = over.commit(State(start.t, x, np.zeros_like(x)), history)
         if solved.counts.newton <= QUICK_ITERATIONS:
             size = min(2 * size, largest)
-    return Increase(solved._replace(counts=total_counts), rate, over, history, tuple(path))
+    solved = solved._replace(counts=total_counts)
+    return Increase(solved, course, over, history, tuple(path))
+
+
+def measure_deviation(
+    increment: LoadIncrement, rate: np.ndarray | None, solution: np.ndarray
+) -> float:
+    """Distance of a solution (n, 3) from its prediction, over the way to the prediction.
+
+    Both are root mean squares over the nodes, weighted by their mass. It is infinite where the
+    prediction is the begin of the increment, and 0 where both are the solution.
+    """
+    guess = _first_guess(increment, increment.equation(), rate)
+    system = increment.system
+    distance = system.sums.rms(system.diagonal_mass, solution - guess)
+    way = system.sums.rms(system.diagonal_mass, guess - increment.start.x)
+    if way:
+        return float(distance / way)
+    return math.inf if distance else 0.0
+
+
+def moves(system: System) -> bool:
+    """Whether pins or obstacles move with time."""
+    pins = any(pin.moves for pin, _ in system.constraints.groups.values())
+    return pins or any(term.supplies and term.limits_direction for term in system.bound)
 
 
 def shake(
@@ -365,24 +447,24 @@ def shake(
             history=history,
             friction=friction,
         )
-        solved, over = solve_increment(increment, rate=0.0, context=context, report=report)
+        solved, over = solve_increment(increment, None, context, report)
         x = solved.x
         total_counts = total_counts.plus(solved.counts)
         history = over.commit(replace(state_before, x=x), history)
         path.append(SolvedIncrement(increment, x))
     solved = solved._replace(counts=total_counts)
-    return Increase(solved, increase.rate, over, history, tuple(path))
+    return increase._replace(solved=solved, over=over, history=history, path=tuple(path))
 
 
 def solve_increment(
     increment: LoadIncrement,
-    rate: np.ndarray | float,
+    rate: np.ndarray | None,
     context: SolverContext,
     report: Report = lambda iteration: None,
 ) -> tuple[Solved, System]:
     """Solve an increment, from where `rate`, ∂x/∂(factor on the loads) [m], leads.
 
-    Also return the system over the increment. Raises `EquilibriumFailed`.
+    None: from where the pins carry and stretch the cloth. Also return the system over the increment. Raises `EquilibriumFailed`.
     """
     equation = increment.equation()
     x = _first_guess(increment, equation, rate)
@@ -470,23 +552,26 @@ def _solve_pass(
 
 
 def _first_guess(
-    increment: LoadIncrement, equation: StaticEquation, rate: np.ndarray | float
+    increment: LoadIncrement, equation: StaticEquation, rate: np.ndarray | None
 ) -> np.ndarray:
     """Positions (n, 3) [m] from which to solve an increment, which all contacts allow.
 
-    The nodes go along with the pins, and from there on at the `rate` [m] of the last increment.
-    Raises `EquilibriumFailed` if no such positions are found.
+    The nodes go along with the pins, and from there on at the `rate` [m] of the last increment,
+    which has the stretch. Without one they are stretched evenly by the pins. Raises
+    `EquilibriumFailed` if no such positions are found.
     """
-    x = increment.carried
-    project = increment.system.constraints.project
-    further = project(np.broadcast_to(increment.size * rate, x.shape).copy())
+    if rate is None:
+        guess = increment.stretched
+    else:
+        guess = increment.carried + increment.system.constraints.project(increment.size * rate)
     if not has_limits(increment.system):
-        return x + further
-    guess = admit(equation.system, x + further, increment.end)
-    if guess is None:
-        point = Point(increment.start.x, np.zeros_like(x), 0.0, 0.0)
+        return guess
+    allowed = admit(equation.system, guess, increment.end)
+    if allowed is None:
+        x = increment.start.x
+        point = Point(x, np.zeros_like(x), 0.0, 0.0)
         raise equation.failure("the pins lead the cloth into an obstacle", point, math.nan)
-    return guess
+    return allowed
 
 
 def solve_static(
@@ -538,7 +623,7 @@ def solve_static(
 def _check_travel(
     equation: StaticEquation, guess: np.ndarray, point: Point, residual: float
 ) -> None:
-    """Raise `EquilibriumFailed` for a cloth that goes far away, because nothing holds it.
+    """Raise `EquilibriumFailed` for a cloth that goes far away: not held, or without strength.
 
     It is far if the nodes have moved, on average, by more than `FARTHEST_TRAVEL` extents of the
     cloth from the `guess` (n, 3) to the `point`. `residual` is the relative one there.
@@ -548,10 +633,16 @@ def _check_travel(
     if distance <= FARTHEST_TRAVEL * equation.longest:
         return
     towards = ", ".join(f"{c:.2g}" for c in mean_move / distance)
-    has_friction = any(term.lags for term in equation.system.bound)
-    what = "neither pins nor friction hold" if has_friction else "nothing holds"
-    reason = f"{what} the cloth: it went {distance:.3g} m along ({towards})"
-    kinds = {traits_of(term).kind for term in equation.system.terms}
+    system = equation.system
+    kinds = {traits_of(term).kind for term in system.terms}
     may_have_membrane = bool(kinds & {"membrane", ""})  # "": a user's term of unknown kind
     remedy = "Pin it, or take the load away." if may_have_membrane else NO_MEMBRANE
+    what = "nothing holds the cloth"
+    if any(term.lags for term in system.bound):
+        what = "neither pins nor friction hold the cloth"
+    elif may_have_membrane and principal_stretches(system.cloth, point.y).max() > FARTHEST_STRETCH:
+        # as a balloon beyond its limit pressure
+        what = "the cloth stretches without end under the loads"
+        remedy = TOO_MUCH_LOAD
+    reason = f"{what}: it went {distance:.3g} m along ({towards})"
     raise equation.failure(reason, point, residual, remedy)

@@ -1,6 +1,7 @@
 """The objects of a scene, each made once: system, start, method, what is recorded."""
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -10,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from fecloth.compiled.team import number_of_threads
-from fecloth.errors import InputError, SceneError
+from fecloth.errors import FeclothWarning, InputError, SceneError
 from fecloth.fabric.panel import Panel
 from fecloth.homogenisation import bending_note
 from fecloth.integrators.protocol import StepChoice, check_terms, has_symmetric_matrix
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
+from fecloth.nonlinear.static_equation import EquilibriumFailed
 from fecloth.output.frames import read_frame
 from fecloth.scene.cloth_tables import Pieces
 from fecloth.scene.error_words import errors_at
@@ -24,6 +26,8 @@ from fecloth.scene.probe_tables import read_measured, refuse_unknown
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Time
 from fecloth.simulation.defined_in_time import refuse_undefined
+from fecloth.simulation.disturbance import bend_by_mode, lift_by_waves
+from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.on_request import on_request
@@ -61,6 +65,7 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
     errors_of_key = partial(errors_at, where=scene.source)
     state = _make_start(scene, cloth, errors_of_key)
     system = _bind_system(scene, cloth, state, errors_of_key, make_system)
+    state = _disturb_start(scene, system, state, errors_of_key)
     _check_start(scene, system, state, errors_of_key)
     steps = scene.schedule.steps()
     _check_method(scene, system, state, steps, errors_of_key)
@@ -236,6 +241,53 @@ def _make_start(scene: Any, cloth: Cloth, errors_of_key: ErrorsOfKey) -> State:
             raise SceneError(what, f"must be at most {LARGEST_SPEED:g} m/s", scene.source)
     with errors_of_key("start"):
         return make_state(len(cloth.X), x, v, scene.schedule.t_start)
+
+
+def _disturb_start(scene: Any, system: System, state: State, errors_of_key: ErrorsOfKey) -> State:
+    """Return the state at the start, lifted by waves and bent by a mode, as [start] asks for.
+
+    Raise `SceneError` for a cloth on several processes, for a mode that does not exist, and
+    where the equilibrium without it is not found.
+    """
+    start = scene.start
+    if not start.is_disturbed:
+        return state
+    key = "disturb" if start.disturb else "mode"
+    if not system.is_whole:
+        raise SceneError(f"start.{key} is given", "needs one process", scene.source)
+    x = state.x
+    if start.disturb:
+        x = lift_by_waves(system, x, start.disturb, seed=0)
+    if start.mode:
+        most = system.admissible.shape[1] - 1
+        if start.mode > most:
+            what = f"start.mode = {start.mode}"
+            raise SceneError(what, f"must be at most {most}: there are no more", scene.source)
+        about = _state_of_mode(scene, system, state)
+        x = bend_by_mode(system, x, about, start.mode, start.amplitude)
+    with errors_of_key(f"start.{key}"):
+        return make_state(len(x), x, state.v, state.t)
+
+
+def _state_of_mode(scene: Any, system: System, state: State) -> State:
+    """Return the state about which the mode of [start] is taken, as `fecloth modes` does."""
+    static = scene.equilibrium
+    if not static:
+        return state
+    try:
+        with warnings.catch_warnings(category=FeclothWarning, action="ignore"):
+            return equilibrium(
+                system,
+                state,
+                load_steps=static.load_steps,
+                friction=static.friction,
+                tolerance=static.tolerance,
+                max_iterations=static.max_iterations,
+            )
+    except EquilibriumFailed as failure:
+        what = f"start.mode = {scene.start.mode}"
+        allowed = f"needs the equilibrium without it: {failure.reason}"
+        raise SceneError(what, allowed, scene.source, 'Take disturb = "1 mm".') from failure
 
 
 def _check_start(scene: Any, system: System, state: State, errors_of_key: ErrorsOfKey) -> None:

@@ -153,6 +153,9 @@ class Pieces(Table):
         for name, piece in self.pieces.items():
             if piece.start.frame:
                 raise InputError(f"{name}.start.frame is given", "is for [start] of one cloth")
+            if piece.start.is_disturbed:
+                what = f"{name}.start.{'disturb' if piece.start.disturb else 'mode'} is given"
+                raise InputError(what, "is for [start] of one cloth")
         return self
 
     @property

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, cast
 
 import numpy as np
-from pydantic import PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from fecloth.errors import InputError
 from fecloth.quantities import rotation
@@ -56,6 +56,13 @@ class Start(Table):
     """A translation after the turn [m]."""
     velocity: tuple[OfPlace, OfPlace, OfPlace] | None = None
     """Three formulas of X and Y [m/s]. `rotate` does not turn the velocity."""
+    disturb: Annotated[float | None, LENGTH] = Field(None, gt=0)
+    """Height [m] of smooth waves that lift the free nodes out of the plane, the same each time."""
+    mode: int | None = Field(None, ge=1)
+    """Number of a mode by which the start is bent: about the equilibrium without it, or in a
+    scene with [time] about the start."""
+    amplitude: Annotated[float | None, LENGTH] = Field(None, gt=0)
+    """The largest way of a node in this mode [m]."""
 
     @model_validator(mode="after")
     def _check_one_place(self):
@@ -65,7 +72,16 @@ class Start(Table):
         changed = [key for key in ("rotate", "shift", "velocity") if getattr(self, key)]
         if self.frame and changed:
             raise InputError(f"{changed[0]} is given", "a frame has its own x and v")
+        if (self.mode is None) != (self.amplitude is None):
+            given, missing = ("mode", "amplitude") if self.mode else ("amplitude", "mode")
+            remedy = 'Write, for example: mode = 1, amplitude = "1 mm".'
+            raise InputError(f"{given} is given", f"needs {missing}", remedy=remedy)
         return self
+
+    @property
+    def is_disturbed(self) -> bool:
+        """Whether waves or a mode bend the start."""
+        return bool(self.disturb or self.mode)
 
     def x(self, X: np.ndarray, in_file: np.ndarray | None = None) -> np.ndarray:
         """Return the positions (n, 3) [m] at the start of material points X (n, 2) [m].

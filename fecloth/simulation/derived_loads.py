@@ -9,9 +9,9 @@ from fecloth.integrators.derivatives import DerivedStep
 from fecloth.integrators.step import UNCOUNTED, Step
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.increment_derivatives import StaticTangent, derive_increment
-from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
+from fecloth.nonlinear.increments import Course, LoadIncrement, SolvedIncrement
 from fecloth.simulation.equilibrium import Equilibrium, equilibrium
-from fecloth.simulation.load_steps import TERMS_TIME, LoadRate, close_loads, force_at
+from fecloth.simulation.load_steps import TERMS_TIME, LoadCourse, close_loads, force_at
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import shift
@@ -98,14 +98,15 @@ class DerivedLoads:
         """Return the step to the equilibrium `at` over its last increment, `over`."""
         if self.step.solution is None:
             return _resting(system, at)
-        memory: LoadRate | None = self.step.solution.memory
+        memory: LoadCourse | None = self.step.solution.memory
         history = shift(self.step.earlier, along.history, size)
         if memory is None:
             first = force_at(system, along.shift(self.old, size), history)
         else:
-            first = shift(memory, along.memory, size).force
+            without_course = LoadCourse(Course(), memory.force)
+            first = shift(without_course, along.memory, size).force
         new = State(self.step.state.t, at.x, at.v)
-        return close_loads(over, new, first, np.zeros_like(at.x))
+        return close_loads(over, new, first, Course(np.zeros_like(at.x)))
 
 
 def find_rest(system: System, start: State, report=lambda *_: None) -> Equilibrium:

@@ -19,7 +19,7 @@ from fecloth.simulation.doubts.before_run import OF_EQUILIBRIA, find_doubts
 from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.rest_stability import doubt_stability
+from fecloth.simulation.rest_stability import doubt_jumps, doubt_stability
 from fecloth.system.arguments import check_system
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
@@ -126,8 +126,9 @@ def equilibrium(
         True`, are multiplied by λ = 1/n, 2/n, …, 1, each solved from where the line through the
         last two solutions leads. λ is also the time t at which motions of pins and obstacles are
         evaluated, so that a specimen is drawn from t = 0 to 1, with n = 1 at once. Where that
-        fails the increment of λ is halved, down to 1/64 of the first; after a solution in at
-        most 8 iterations it doubles again, up to 1/n. With friction the result depends on this
+        fails, or leads to another branch of equilibria, the increment of λ is halved, down to
+        1/64 of the first; after a solution in at most 8 iterations it doubles again, up to 1/n.
+        A jump to another branch that halving does not avoid is among the `doubts`. With friction the result depends on this
         path, and `reason` says so: in each increment friction acts against the way along the
         surface since the solution before. Load steps serve loads that turn the cloth far, and
         give the states between. With `BendingFriction` there are at least 20 steps; for None
@@ -188,6 +189,7 @@ def equilibrium(
     foreseen = tuple(find_doubts(planned, OF_EQUILIBRIA))
     _warn(foreseen)
     context = increments.static_context(system, tolerance, max_iterations, solver)
+    jumps: tuple[float, ...] = ()
     if load_steps is None and least == 1:
         solved, history = _solve_at_once(system, start, context, report)
     else:
@@ -204,16 +206,17 @@ def equilibrium(
         if friction == "shaken":
             increase = increments.shake(increase, context, report)
         solved = increase.solved
+        jumps = increase.course.jumps
         history = increase.history
     still = np.zeros_like(solved.x)
     error = space_error(system, State(start.t, solved.x, still))
     end = State(1.0 if load_steps else start.t, solved.x, still)
-    noticed = _find_instability(system, end, number, solved)
+    noticed = [*_find_instability(system, end, number, solved), *doubt_jumps(jumps)]
     if beyond := doubt_curve(area_beyond(system, end)):
         noticed.append(beyond)
     _warn(noticed)
     t = start.t
-    if load_steps and _moves(system):
+    if load_steps and increments.moves(system):
         t = 1.0
     reason = solved.reason(tolerance)
     if path := increments.describe_path(system, number):
@@ -240,7 +243,7 @@ def _solve_at_once(
     """Return the equilibrium under the whole loads at the time of `start`, and its history."""
     history = system.start_history(start)
     whole = increments.LoadIncrement(system, start, 1.0, 1.0, start.t, start.t, history)
-    solved, over = increments.solve_increment(whole, 0.0, context, report)
+    solved, over = increments.solve_increment(whole, None, context, report)
     return solved, over.commit(replace(start, x=solved.x), history)
 
 
@@ -257,12 +260,6 @@ def _warn(doubts: Iterable[Doubt]) -> None:
     """Warn of each doubt, at the line that calls `equilibrium`."""
     for doubt in doubts:
         warnings.warn(str(doubt), FeclothWarning, stacklevel=4)
-
-
-def _moves(system: System) -> bool:
-    """Return whether pins or obstacles move with time."""
-    pins = any(pin.moves for pin, _ in system.constraints.groups.values())
-    return pins or any(term.supplies and term.limits_direction for term in system.bound)
 
 
 def _check(system, state, load_steps, tolerance, max_iterations, solver, report):

@@ -16,7 +16,7 @@ from fecloth.integrators.numerical_dissipation import load_forces
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import UNCOUNTED, Solution, Step
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.increments import increase_loads, shake, static_context
+from fecloth.nonlinear.increments import Course, increase_loads, shake, static_context
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed
 from fecloth.nonlinear.statistics import Counts
@@ -31,20 +31,20 @@ TERMS_TIME = 0.0  # at which loads are evaluated: loads of a static scene do not
 
 @remembered
 @dataclass(frozen=True, eq=False)
-class LoadRate:
-    """After a step: where the next one begins its search, and the force on the pins.
+class LoadCourse:
+    """After a step: what it tells about the next one, and the force on the pins.
 
     Attributes
     ----------
-    rate
-        (n, 3) ∂x/∂(part of the loads) [m], beyond where the pins carry the cloth; or 0.
+    course
+        Of the increments so far.
     force
         (n, 3) force of all terms [N].
     error
         The error that the iteration left in x [m]; NaN where it is not estimated.
     """
 
-    rate: np.ndarray | float
+    course: Course
     force: np.ndarray
     error: float = math.nan
 
@@ -125,10 +125,10 @@ class LoadSteps(ChosenSteps):
         still = np.zeros_like(state.x)
         start = State(TERMS_TIME, state.x, still)
         load = state.t + horizon
-        before = memory or LoadRate(0.0, force_at(system, state, history))
+        before = memory or LoadCourse(Course(), force_at(system, state, history))
         try:
             increase = increase_loads(
-                system, start, solver, horizon, (state.t, load), before.rate, history
+                system, start, solver, horizon, (state.t, load), before.course, history
             )
             if self.friction == "shaken" and load > 1 - 1e-9:
                 increase = shake(increase, solver)
@@ -137,7 +137,7 @@ class LoadSteps(ChosenSteps):
         solved = increase.solved
         new = State(load, solved.x, still)
         step = close_loads(
-            increase.over, new, before.force, increase.rate, solved.counts, solved.error
+            increase.over, new, before.force, increase.course, solved.counts, solved.error
         )
         solution = Solution(self, increase.path, memory, solved.x)
         return replace(step, history=increase.history, earlier=history, solution=solution)
@@ -177,17 +177,17 @@ def close_loads(
     over: System,
     new: State,
     first: np.ndarray,
-    rate: np.ndarray | float = 0.0,
+    course: Course = Course(),
     counts: Counts = UNCOUNTED,
     error: float = math.nan,
 ) -> Step:
     """Return the step to the equilibrium `new`, whose t is the part of the loads.
 
     `over` is the system over its last increment, with whole loads; `first` (n, 3) is the force
-    of all terms at the begin of the step [N], and `rate` and `error` are as in `LoadRate`.
+    of all terms at the begin of the step [N], and `course` and `error` are as in `LoadCourse`.
     """
     over = over.with_bound(_scaled(over, new.t))
-    memory = LoadRate(rate, over.force(new), error)
+    memory = LoadCourse(course, over.force(new), error)
     return Step(new, new, memory, counts, over=over, first_force=first)
 
 

@@ -7,11 +7,16 @@ from fecloth.nonlinear.eigenpairs import least_stiffness
 from fecloth.nonlinear.increments import describe_path, resist_disturbances
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
-from fecloth.simulation.load_steps import LoadRate
+from fecloth.simulation.load_steps import LoadCourse
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
+
+LEAVE_INSTABILITY = (
+    'to find a stable one, bend the start: [start] mode = 1, amplitude = "1 mm" in a scene, or '
+    "fc.modes(system, equilibrium).shapes[0] times a small factor, added to the start"
+)
 
 
 def doubt_stability(least: float, zero: float) -> list[Doubt]:
@@ -22,10 +27,18 @@ def doubt_stability(least: float, zero: float) -> list[Doubt]:
         f"the equilibrium is unstable: the least eigenvalue of K is {least:.3g} N/m, so that a "
         "cloth which is disturbed leaves it"
     )
-    remedy = (
-        "bend the start a little, as the first mode of `fecloth modes` does, to find a stable one"
+    return [Doubt(DoubtKind.INSTABILITY, words, LEAVE_INSTABILITY)]
+
+
+def doubt_jumps(jumps: tuple[float, ...]) -> list[Doubt]:
+    """Return a doubt if the cloth jumped, at these factors on the loads, in a list."""
+    if not jumps:
+        return []
+    words = (
+        f"at {jumps[0]:.3g} of the loads the cloth jumped to another branch of equilibria, so "
+        "that more than one may be stable"
     )
-    return [Doubt(DoubtKind.INSTABILITY, words, remedy)]
+    return [Doubt(DoubtKind.BRANCH, words, "compare other load_steps, and disturbed starts")]
 
 
 @remembered
@@ -45,6 +58,8 @@ class RestStability(Account):
         By `describe_path`.
     solver_error
         The error [m] that the iteration left in x; NaN where it is not estimated.
+    jumps
+        Parts of the loads at which the cloth jumped to another branch.
     """
 
     name = "stability"
@@ -53,6 +68,7 @@ class RestStability(Account):
     is_reached: bool = False
     path: str = ""
     solver_error: float = math.nan
+    jumps: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, system: System, state: State, load_steps: int = 1) -> "RestStability":
@@ -66,13 +82,13 @@ class RestStability(Account):
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "RestStability":
         memory = info.result.memory
-        assert isinstance(memory, LoadRate)
-        return self.changed(solver_error=memory.error)
+        assert isinstance(memory, LoadCourse)
+        return self.changed(solver_error=memory.error, jumps=memory.course.jumps)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "RestStability":
         if end.is_whole:
             rest = self.of(run.system, end.state, run.method.load_steps)
-            return rest.changed(solver_error=self.solver_error)
+            return rest.changed(solver_error=self.solver_error, jumps=self.jumps)
         return self
 
     def words(self) -> str:
@@ -95,7 +111,7 @@ class RestStability(Account):
         return f"equilibrium: {kind}; the least eigenvalue of K is {self.least:.4g} N/m"
 
     def doubts(self) -> list[Doubt]:
-        return doubt_stability(self.least, self.zero)
+        return [*doubt_stability(self.least, self.zero), *doubt_jumps(self.jumps)]
 
     def summary(self) -> dict[str, object]:
         """Return the stability in the place of the error in time."""

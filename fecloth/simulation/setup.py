@@ -1,6 +1,5 @@
 """A run before its first step: what moves, from where, by which steps, and what is recorded."""
 
-import math
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,6 +11,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.answer import places_of
+from fecloth.simulation.disturbance import lift, lift_by_waves
 from fecloth.simulation.doubts.before_run import OF_SCENES, find_doubts
 from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.doubts.planned_run import PlannedRun
@@ -30,7 +30,6 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 DISTURBANCE = 1e-3  # of a start, at most, over the extent of the cloth: small beside any motion
-WAVES = 6  # of a disturbance: enough for a shape without symmetry
 Solver = tuple[SolverContext, str]  # and in words why it was chosen
 
 
@@ -154,22 +153,16 @@ class Setup:
     def disturbed(self, seed: int) -> Self:
         """Return the setup with its free nodes moved by smooth random waves, by up to 1e-3 L.
 
-        L is the extent of the cloth. The nodes move upward along its mean normal, so that they
-        do not enter an obstacle below. The same `seed` makes the same waves.
+        L is the extent of the cloth; see `lift_by_waves`.
         """
-        cloth = self.cloth
-        draw = np.random.default_rng(seed)
-        waves = draw.normal(size=(WAVES, 2)) * 2 * math.pi / cloth.extent
-        phases = cloth.X @ waves.T + draw.uniform(0, 2 * math.pi, WAVES)
-        height = DISTURBANCE * cloth.extent * (1 + np.cos(phases).mean(axis=1)) / 2
-        return self.raised(height)
+        height = DISTURBANCE * self.cloth.extent
+        x = lift_by_waves(self.system, self.start.x, height, seed)
+        return replace(self, start=replace(self.start, x=x))
 
     def raised(self, height: np.ndarray) -> Self:
         """Return the setup with its free nodes raised by heights (n,) along its mean normal [m]."""
-        x = self.start.x
-        normal = _mean_normal(x[self.cloth.triangles[:, :3]])
-        moved = self.system.constraints.project(height[:, None] * normal)
-        return replace(self, start=replace(self.start, x=x + moved))
+        x = lift(self.system, self.start.x, height)
+        return replace(self, start=replace(self.start, x=x))
 
     def recording(self, columns: Iterable[str]) -> Self:
         """Return the setup that also records the shape, and what is on request of `columns`."""
@@ -246,11 +239,3 @@ class Setup:
             interest=self.asked,
             measured=self.measured,
         )
-
-
-def _mean_normal(corners: np.ndarray) -> np.ndarray:
-    """Return the mean normal (3,) of triangles with the corners (m, 3, 3), turned upward."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    normal = np.cross(b - a, c - a).sum(axis=0)
-    length = max(float(np.linalg.norm(normal)), 1e-300)
-    return normal * (math.copysign(1.0, normal[2]) / length)

@@ -18,22 +18,24 @@ LEAST_SINGULAR_VALUE = 1e-6
 LONGEST_CARRIED = 4.0
 
 
-def carry(system: System, x: np.ndarray, target: np.ndarray) -> np.ndarray:
+def carry(system: System, x: np.ndarray, target: np.ndarray, stretches: bool = True) -> np.ndarray:
     """Positions (n, 3) [m] with held nodes at the `target` (n, 3), and the others carried along.
 
-    In each piece the others follow the rigid motion that fits the held nodes best, and then
-    the affine motion that fits what is left. So pins that are drawn apart stretch a cloth
-    evenly, and pins that move alike take it along. Where that leads far, as with a short edge
-    that turns, the others move by the mean way of the held nodes.
+    In each piece the others follow the rigid motion that fits the held nodes best, so pins that
+    move alike take it along. If the cloth also `stretches`, they then follow the affine motion
+    that fits what is left, so pins that are drawn apart stretch it evenly. Where that leads
+    far, as with a short edge that turns, the others move by the mean way of the held nodes.
     """
     y = x.copy()
     for piece in system.movable_pieces:
         if len(piece.held):
-            y[piece.nodes] = carry_piece(piece, x, target)
+            y[piece.nodes] = carry_piece(piece, x, target, stretches)
     return system.constraints.hold(y, target)
 
 
-def carry_piece(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
+def carry_piece(
+    piece: Piece, x: np.ndarray, target: np.ndarray, stretches: bool = True
+) -> np.ndarray:
     """Return the positions (k, 3) [m] of the nodes of a piece that its pins carry along.
 
     x and `target` (n, 3) are the positions before, and where the pins hold the nodes after. The
@@ -58,12 +60,23 @@ def carry_piece(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
         nodes = centre + u + (nodes - centre) @ R.T
         if np.linalg.norm(omega) < SMALLEST_ROTATION:
             break
-    centre = held.mean(axis=0)
-    # the affine motion that fits what is left: u + G (y − centre), with G (3, 3)
-    stretches = np.einsum("ij,hk->hijk", np.eye(3), held - centre).reshape(len(held), 3, 9)
-    u, G = fit_motion(projectors, stretches, goal - held, LEAST_SINGULAR_VALUE)
-    nodes = nodes + u + (nodes - centre) @ G.reshape(3, 3).T
+    if stretches:
+        nodes = nodes + _affine_part(projectors, held, goal, nodes)
     # a node that goes much farther than the pins was not meant to: all move by their mean way
     if longest(nodes - start) > LONGEST_CARRIED * longest(way):
         return start + way.mean(axis=0)
     return nodes
+
+
+def _affine_part(
+    projectors: np.ndarray, held: np.ndarray, goal: np.ndarray, nodes: np.ndarray
+) -> np.ndarray:
+    """Return the ways (k, 3) [m] of `nodes` (k, 3) in the affine motion that fits held nodes.
+
+    It is u + G (y − centre), with G (3, 3), for held nodes (h, 3) that go to the `goal` (h, 3).
+    """
+    centre = held.mean(axis=0)
+    gradients = np.einsum("ij,hk->hijk", np.eye(3), held - centre).reshape(len(held), 3, 9)
+    u, G = fit_motion(projectors, gradients, goal - held, LEAST_SINGULAR_VALUE)
+    ways: np.ndarray = u + (nodes - centre) @ G.reshape(3, 3).T
+    return ways

@@ -62,6 +62,8 @@ class DoubtKind(Enum):
         The cloth is folded as finely as its mesh.
     INSTABILITY
         The equilibrium is unstable, or has a motion without stiffness.
+    BRANCH
+        An equilibrium jumped to another branch while its loads grew.
     BALANCE
         The forces of the state do not balance.
     OTHER
@@ -89,6 +91,7 @@ class DoubtKind(Enum):
     INTERSECTION = "intersection"
     WRINKLES = "wrinkles"
     INSTABILITY = "instability"
+    BRANCH = "branch"
     BALANCE = "balance"
     OTHER = "other"
 

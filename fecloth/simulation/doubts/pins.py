@@ -239,13 +239,13 @@ def find_free_turn(run: PlannedRun) -> Iterator[Doubt]:
 def rotation_about_pins(system: System, x: np.ndarray) -> np.ndarray | None:
     """Return the velocities of the one rotation that all pins allow, or None.
 
-    They are (n, 3) [m/s] at 1 rad/s. There is none without pins, and for a cloth that can turn
-    about several axes or shift.
+    They are (n, 3) [m/s] at 1 rad/s. There is none without pins, for a cloth that can turn about
+    several axes or shift, and for one that starts at one point.
     """
     constraints = system.constraints
-    if not len(constraints.nodes):
-        return None
     size = np.ptp(x, axis=0).max()
+    if not len(constraints.nodes) or not size:
+        return None
     modes = rigid_motions(x / size)
     held = np.stack([constraints.held_part(mode).ravel() for mode in modes], axis=1)
     _, values, rows = np.linalg.svd(held, full_matrices=True)

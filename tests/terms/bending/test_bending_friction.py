@@ -348,7 +348,7 @@ def let_go(pattern, n, element="P1"):
     context = static_context(system, "auto", 200, "direct")
     for part in np.linspace(1, 0, 11)[1:]:
         increment = LoadIncrement(system, system.state(x), part, 0.1, 0.0, 0.0, history)
-        solved, over = solve_increment(increment, 0.0, context)
+        solved, over = solve_increment(increment, None, context)
         x = solved.x
         history = over.commit(system.state(x), history)
     kappa, _ = system.bound[1].curvatures(x, 0.0)
