@@ -136,7 +136,7 @@ def test_formulas_and_the_fields_of_results_are_shown(pages):
 
 
 def test_the_list_of_commands_has_every_option(pages):
-    text = unescape(re.sub(r"<[^>]*>", "", pages["commands.html"]))
+    text = unescape(re.sub(r"<[^>]*>", " ", pages["commands.html"]))
     for name, parser in commands_of(_parser()).items():
         assert f"fecloth {name}" in text
         for action in parser._actions:
