@@ -48,7 +48,8 @@ def export(folder: str | Path, target: str | Path, fps: float | None = None) -> 
     equilibrium take one second. Normals are at nodes, as means over the triangles by area.
     Texture coordinates are (X − min X)/L of the flat coordinates X, with the longer side L of
     the flat cloth, so that a texture is not distorted. The meshes of several pieces are called
-    Cloth_1, Cloth_2, … in the order of the pieces. What does not change has no time samples.
+    Cloth_NAME by their names in the scene, or else Cloth_1, Cloth_2, … in their order. In a
+    .usda, what does not change has no time samples.
 
     Parameters
     ----------

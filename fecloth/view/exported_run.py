@@ -1,6 +1,8 @@
 """What is exported of a run: the pieces of its cloth, their texture, and the obstacles."""
 
-from collections.abc import Iterator
+import re
+import tomllib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -52,7 +54,7 @@ class Run:
         frame = series.read(0)
         triangles = straight(frame.cells)
         st = texture_coordinates(material_coordinates(frame))
-        return cls(series, tuple(find_pieces(triangles, st)))
+        return cls(series, tuple(find_pieces(triangles, st, read_names(series.folder))))
 
     def points(self, i: int) -> np.ndarray:
         """Return the positions (n, 3) of all nodes in frame i [m]."""
@@ -63,19 +65,32 @@ class Run:
         return read_obstacles(self.series.folder, i) or NOTHING
 
 
-def find_pieces(triangles: np.ndarray, st: np.ndarray) -> Iterator[Piece]:
+def read_names(folder: Path) -> list[str]:
+    """Return the names of the pieces in the scene of a run, in their order; [] without them."""
+    file = folder / "scene.resolved.toml"
+    if not file.is_file():
+        return []
+    scene = tomllib.loads(file.read_text(encoding="utf-8"))
+    return list(scene.get("cloth", {}).get("pieces", {}))
+
+
+def find_pieces(triangles: np.ndarray, st: np.ndarray, names: Sequence[str]) -> Iterator[Piece]:
     """Yield the pieces that triangles (m, 3) connect, in the order of their lowest nodes.
 
-    `st` (n, 2) are the texture coordinates of all nodes.
+    `st` (n, 2) are the texture coordinates of all nodes. A mesh is called Cloth_NAME by one of
+    the `names`, in letters that USD allows; or by its number if there are not as many names.
     """
     n = len(st)
     pairs = triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
     graph = coo_array((np.ones(pairs.shape[1], np.int8), pairs), shape=(n, n))
     count, piece_of_node = connected_components(graph, directed=False)
+    identifiers = [re.sub(r"\W", "_", name, flags=re.ASCII) for name in names]
+    if len(set(identifiers)) != count:
+        identifiers = [str(piece + 1) for piece in range(count)]
     for piece in range(count):
         nodes = np.flatnonzero(piece_of_node == piece)
         own = triangles[piece_of_node[triangles[:, 0]] == piece]
-        name = "Cloth" if count == 1 else f"Cloth_{piece + 1}"
+        name = "Cloth" if count == 1 else f"Cloth_{identifiers[piece]}"
         yield Piece(name, nodes, np.searchsorted(nodes, own), st[nodes])
 
 

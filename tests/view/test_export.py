@@ -116,29 +116,32 @@ def test_obj_files_at_a_rate_lie_between_the_frames(run, tmp_path):
     assert len(fc.export(run, tmp_path / "slow.obj", fps=30)) == 2  # at 0 and 1/30 s
 
 
-def test_each_piece_of_a_cloth_is_a_mesh(tmp_path):
+@pytest.mark.parametrize("named", [False, True])
+def test_each_piece_of_a_cloth_is_a_mesh(tmp_path, named):
+    names = ["Cloth_front", "Cloth_back__"] if named else ["Cloth_1", "Cloth_2"]
     Usd, Geom = pytest.importorskip("pxr.Usd"), pytest.importorskip("pxr.UsdGeom")
     pieces = [fc.Cloth.rectangle(w, 1.0, h=0.5, pattern="right", element="P2") for w in (1.0, 2.0)]
     cloth = fc.Cloth.join(pieces, names=["front", "back"])
     system = fc.System(cloth, fc.Fabric(0.2, 1e3, 0.3), [fc.StVK()])
     state = replace(system.rest(), t=0.5, x=system.rest().x + 0.5 * (cloth.X[:, :1] > 0.9))
     fc.write_vtk(tmp_path / "out", cloth, [system.rest(), state])
+    if named:
+        scene = '[cloth.pieces.front]\nh = 1\n[cloth.pieces."back ä"]\nh = 1\n'
+        (tmp_path / "scene.resolved.toml").write_text(scene, encoding="utf-8")
     fc.export(tmp_path / "out", tmp_path / "cloth.usda")
     stage = Usd.Stage.Open(str(tmp_path / "cloth.usda"))
-    assert [str(p.GetName()) for p in stage.GetPrimAtPath("/World").GetChildren()] == [
-        "Cloth_1",
-        "Cloth_2",
-    ]
+    assert [p.GetName() for p in stage.GetPrimAtPath("/World").GetChildren()] == names
     text = fc.export(tmp_path / "out", tmp_path / "cloth.obj")[1].read_text()
-    assert [line for line in text.splitlines() if line[:2] == "o "] == ["o cloth_1", "o cloth_2"]
+    objects = [line[2:] for line in text.splitlines() if line[:2] == "o "]
+    assert objects == [name.lower() for name in names]
     v = np.array([line.split()[1:] for line in text.splitlines() if line[:2] == "v "], float)
     faces = [line.split()[1:] for line in text.splitlines() if line[:2] == "f "]
     corners = np.array([[corner.split("/") for corner in face] for face in faces], int) - 1
     assert len(np.unique(corners[..., 0])) == len(v) == len(cloth.X)
     first = 0
-    for number, (name, piece) in enumerate(zip(["front", "back"], pieces, strict=True), 1):
+    for prim, name, piece in zip(names, ["front", "back"], pieces, strict=True):
         nodes = cloth.nodes(name)
-        mesh = Geom.Mesh(stage.GetPrimAtPath(f"/World/Cloth_{number}"))
+        mesh = Geom.Mesh(stage.GetPrimAtPath(f"/World/{prim}"))
         for code, x in ((0.0, system.rest().x), (12.0, state.x)):
             assert np.allclose(mesh.GetPointsAttr().Get(code), x[nodes], atol=1e-6)
         indices = np.array(mesh.GetFaceVertexIndicesAttr().Get())
