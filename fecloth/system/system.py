@@ -276,7 +276,7 @@ class System:
                 "a pin with clamp = true",
                 "needs a bending term that holds normals",
                 "System",
-                "Add PlateBending, or pin without a clamp.",
+                "Add PlateBending, on a fabric with bending_rigidity, or pin without a clamp.",
             )
         return replace(
             panel,

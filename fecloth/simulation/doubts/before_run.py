@@ -21,8 +21,8 @@ OF_EQUILIBRIA: tuple[Check, ...] = (
     terms.find_bending_unknown_to_hinges,
     terms.find_friction_without_plate,
     terms.find_uneven_edges,
-    terms.find_gravity_upwards,
     terms.find_gas_without_pressure,
+    terms.find_gravity_upwards,
     terms.find_cutting_edges,
     pins.find_idle_pins,
 )

@@ -243,16 +243,6 @@ def find_uneven_edges(run: PlannedRun) -> Iterator[Doubt]:
         yield Doubt(DoubtKind.TERMS, words, remedy)
 
 
-def find_gravity_upwards(run: PlannedRun) -> Iterator[Doubt]:
-    """Doubt a gravity that pulls up, along z."""
-    for term in run.system.terms:
-        if isinstance(term, terms.Gravity):
-            *along, up = term.acceleration
-            if up > max(map(abs, along)):
-                words = f"Gravity pulls up: its z component is {up:g} m/s²"
-                yield Doubt(DoubtKind.TERMS, words, f"write {-up:g} if z points up")
-
-
 def find_gas_without_pressure(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt a gas whose absolute pressure at the start is far below the ambient one."""
     for gas, bound in zip(run.system.terms, run.system.bound, strict=True):
@@ -272,6 +262,16 @@ def find_gas_without_pressure(run: PlannedRun) -> Iterator[Doubt]:
                 f"{gas.ambient + gas.pressure:.10g}"
             )
             yield Doubt(DoubtKind.UNITS, words, remedy)
+
+
+def find_gravity_upwards(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt a gravity that pulls up, along z."""
+    for term in run.system.terms:
+        if isinstance(term, terms.Gravity):
+            *along, up = term.acceleration
+            if up > max(map(abs, along)):
+                words = f"Gravity pulls up: its z component is {up:g} m/s²"
+                yield Doubt(DoubtKind.TERMS, words, f"write {-up:g} if z points up")
 
 
 def find_cutting_edges(run: PlannedRun) -> Iterator[Doubt]:
