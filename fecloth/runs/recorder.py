@@ -22,7 +22,7 @@ from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, in_words
-from fecloth.simulation.growth import MOST_GROWTH
+from fecloth.simulation.energy_balance import MOST_GROWTH
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.simulation.run import list_accounts
 from fecloth.simulation.shapes import Shapes

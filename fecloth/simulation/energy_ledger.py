@@ -156,6 +156,19 @@ class Ledger(Account):
         return sum(self.dissipated.values()) - self.lost_outside
 
     @property
+    def supplied(self) -> float:
+        """What the start, the loads and the pins have given the cloth [J].
+
+        The kinetic energy of the start, what the terms' energies are below the start, and the
+        size of the work of each load and of the pins.
+        """
+        released = sum(
+            max(0.0, self.opening[name] - energy) for name, energy in self.potential.items()
+        )
+        work = abs(self.pins) + sum(map(abs, self.work.values()))
+        return self.opening["kinetic"] + released + work
+
+    @property
     def total(self) -> float:
         """kinetic + Σ potential [J]."""
         return self.kinetic + sum(self.potential.values())

@@ -20,15 +20,13 @@ from fecloth.simulation import record_steps as recording
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.beyond_curve import BeyondCurve
 from fecloth.simulation.contact import Contact
-from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.doubts.before_run import find_doubts
 from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.doubts.planned_run import PlannedRun
-from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.energy_balance import MOST_GROWTH, Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_in_space import ErrorInSpace
 from fecloth.simulation.fused_march import Wanted
-from fecloth.simulation.growth import MOST_GROWTH, Growth
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
@@ -45,8 +43,6 @@ from fecloth.system.system import System
 
 AT_END = (BeyondCurve, ErrorInSpace, Shapes)
 IN_TIME: tuple[type[Account], ...] = (
-    Deformation,
-    Growth,
     Balance,
     Solves,
     Contact,
@@ -55,7 +51,6 @@ IN_TIME: tuple[type[Account], ...] = (
     *AT_END,
 )
 STATIC: tuple[type[Account], ...] = (
-    Deformation,
     Balance,
     Verdict,
     Solves,
@@ -218,10 +213,10 @@ def run(
     so for `CentralDifference` at a fixed or stable dt, with terms and pins that need no Python.
     The steps, and the sums in the ledger, are the same as with single steps.
 
-    The run also fails after two rows in a row that deform with more kinetic energy than
-    `most_growth` times what the start, the loads and the pins can have supplied (see
-    `Growth`). The `StepFailed` of a run that fails has its `result` so far, without the
-    accounts of its end. Reasons to doubt the result, such as an error in time above 10 % or an
+    The run also fails after two rows in a row in which the method has made more energy than
+    `most_growth` times what the start, the loads and the pins have supplied (see `Balance`).
+    The `StepFailed` of a run that fails has its `result` so far, without the accounts of its
+    end. Reasons to doubt the result, such as an error in time above 5 % or an
     energy balance that does not close, are its `doubts`, and come as a `FeclothWarning` each.
 
     Raises
