@@ -69,18 +69,20 @@ def _run_scene(scene: "Scene", path: Path, quiet: bool, **how: Any) -> "SceneRes
     from fecloth.cli.progress import progress, show, terminal
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import plan
+    from fecloth.simulation.doubts.doubt import NOTE, Doubt
 
     console = terminal()
 
-    def warn(words: str) -> None:
-        show(f"warning: {words}", console)
+    def warn(doubt: Doubt) -> None:
+        if doubt.kind.label != NOTE:
+            show(doubt.line, console)
 
-    def announce(problem: "Problem", why: str, warnings: list[str]) -> None:
+    def announce(problem: "Problem", why: str, doubts: list[Doubt]) -> None:
         if not quiet:
             lines = [*sources(problem.system.fabric), *plan(problem, why)]
             show("\n".join(lines), console)
-        for words in warnings:
-            warn(words)
+        for doubt in doubts:
+            warn(doubt)
 
     with progress(console, scene, quiet) as report:
         return run_scene(

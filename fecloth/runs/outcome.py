@@ -39,8 +39,8 @@ class SceneResult(Result):
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one
         without dt.
     doubts
-        Reasons to doubt the result, such as an energy balance that was off (`Balance`), also
-        if it closes at the end.
+        Reasons to doubt the result, such as an energy balance that is off (`Balance`), and
+        notes.
     accounts
         What the run accounts for, at its end.
     status
@@ -126,7 +126,7 @@ def _shape_message(summary: Mapping) -> str:
 
 def warning_count(outcome: SceneResult) -> str:
     """Return the end of the last line if there were warnings, or ""."""
-    count = len(outcome.doubts)
+    count = len(outcome.warnings)
     if not count:
         return ""
     where = outcome.folder / "report.html"

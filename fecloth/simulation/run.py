@@ -21,7 +21,7 @@ from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.beyond_curve import BeyondCurve
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.doubts.before_run import find_doubts
-from fecloth.simulation.doubts.doubt import Doubt, in_words
+from fecloth.simulation.doubts.doubt import NOTE, Doubt, warnings_of
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_balance import MOST_GROWTH, Balance
 from fecloth.simulation.energy_ledger import Ledger
@@ -91,8 +91,8 @@ class Result:
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one
         without dt.
     doubts
-        Reasons to doubt the result, such as an energy balance that was off (`Balance`), also
-        if it closes at the end.
+        Reasons to doubt the result, such as an energy balance that is off (`Balance`), and
+        notes.
     accounts
         What the run accounts for, at its end.
     """
@@ -169,15 +169,15 @@ class Result:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The doubts in words, a sentence each."""
-        return in_words(self.doubts)
+        """The doubts that spoil an answer, in words: a sentence each."""
+        return warnings_of(self.doubts)
 
     def __repr__(self) -> str:
         steps = amount(self.steps, "step")
         t = self.times[-1]
         remarks = [name_time_error(self.time_error)]
-        if self.doubts:
-            remarks.append(count_warnings(self.doubts))
+        if self.warnings:
+            remarks.append(amount(len(self.warnings), "warning"))
         return f"<Result of {steps} of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
 
     def _repr_html_(self) -> str:
@@ -216,8 +216,9 @@ def run(
     The run also fails after two rows in a row in which the method has made more energy than
     `most_growth` times what the start, the loads and the pins have supplied (see `Balance`).
     The `StepFailed` of a run that fails has its `result` so far, without the accounts of its
-    end. Reasons to doubt the result, such as an error in time above 5 % or an
-    energy balance that does not close, are its `doubts`, and come as a `FeclothWarning` each.
+    end. Reasons to doubt the result are its `doubts`. Those that spoil an answer, such as an
+    error in time above 5 % or an energy balance that does not close, are its `warnings`. Each
+    of them comes as a `FeclothWarning`, and so does a likely mistake in the set-up.
 
     Raises
     ------
@@ -252,8 +253,7 @@ def run(
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
     foreseen = tuple(find_doubts(PlannedRun(system, opening, steps, ends)))
-    for doubt in foreseen:
-        warnings.warn(str(doubt), FeclothWarning, stacklevel=3)
+    _warn(foreseen)
     if memory is None:  # `march` checks and warns only without a memory
         steps.check_start(system, state)
     before = memory or Memory(0, state.t, None)
@@ -281,9 +281,15 @@ def run(
         next_row=recording.rows_at_least(rows, opening.t, end),
         step=before.step,
     )
-    for doubt in result.doubts[len(foreseen) :]:
-        warnings.warn(str(doubt), FeclothWarning, stacklevel=3)
+    _warn(result.doubts[len(foreseen) :])
     return result
+
+
+def _warn(doubts: Iterable[Doubt]) -> None:
+    """Warn of each doubt that is no note, at the line that calls `run`."""
+    for doubt in doubts:
+        if doubt.kind.label != NOTE:
+            warnings.warn(str(doubt), FeclothWarning, stacklevel=4)
 
 
 def collect(
@@ -345,14 +351,6 @@ def collect(
     accounts = accounts.finish(of_run, End(state, step))
     raised += accounts.new_doubts(raised)
     return result_so_far()
-
-
-def count_warnings(doubts: Sequence[Doubt]) -> str:
-    """Return the number of warnings in words, such as "no warnings" or "1 warning"."""
-    number = len(doubts)
-    if number == 1:
-        return "1 warning"
-    return f"{number or 'no'} warnings"
 
 
 def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, np.ndarray]:
