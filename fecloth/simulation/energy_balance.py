@@ -24,6 +24,7 @@ from fecloth.terms.traits import has_kind
 
 MOST_GROWTH = 4.0  # energy that a method may make, over the energy that was supplied
 LARGEST_REMAINDER = 0.05  # over the energy that has moved; of what contacts have made, too
+FAR_OFF = 0.5  # over the energy of the motion: a remainder that no small error in time excuses
 MOST_TAKEN = 0.2  # over that energy: what the method may dissipate without a doubt
 # Over the largest kinetic energy and the work: 3 % of a speed do not matter.
 SLIGHT_ENERGY = 1e-3
@@ -133,14 +134,18 @@ class Balance(Account):
         slight = SLIGHT_ENERGY * (self.kinetic + worked)
         return slight + unsolved + negligible_energy(system, ledger.t - self.start)
 
-    def is_off(self, system: System, ledger: Ledger, part: float = LARGEST_REMAINDER) -> bool:
-        """Return whether the remainder is above this part of what has moved.
+    def is_off(self, system: System, ledger: Ledger, far: bool = False) -> bool:
+        """Return whether the remainder is above 5 % of what has moved.
 
-        With a term that reports neither energy nor work nothing is known, nor before a step.
+        Or `far`: above half of it, or of the kinetic energy if that is more. With a term that
+        reports neither energy nor work nothing is known, nor before a step.
         """
         if ledger.silent or ledger.t <= self.start:
             return False
-        return not abs(self.remainder) <= part * self.moved + self.noise(system, ledger)
+        most = LARGEST_REMAINDER * self.moved
+        if far:
+            most = FAR_OFF * max(self.moved, self.kinetic)
+        return not abs(self.remainder) <= most + self.noise(system, ledger)
 
     def row(self) -> dict[str, float]:
         """Return the remainder over the energy that has moved so far."""

@@ -8,7 +8,6 @@ from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.jumps import LEAST_JUMP, Jump
 from fecloth.simulation.energy_balance import (
-    LARGEST_REMAINDER,
     Balance,
     doubt_balance,
     doubt_dissipation,
@@ -22,8 +21,6 @@ from fecloth.terms.traits import has_kind
 # Error in time without a doubt: half of what is wrong, as an estimate may be half of the error.
 LARGEST_ACCEPTED = 0.05
 LEAST_JUMP_THAT_COUNTS = 0.05  # over the largest displacement: a smaller jump is not the cause
-# Over the energy that has moved: a remainder that no small error in time excuses.
-FAR_OFF = 0.5
 
 
 @remembered
@@ -64,8 +61,7 @@ def _find_causes(run: Run, others: Accounts) -> Iterator[Doubt]:
     is_small = is_small and run.method.traits.solves
     if touches and (gain := doubt_gain(balance)):
         yield gain
-    part = FAR_OFF if is_small and not touches else LARGEST_REMAINDER
-    if balance.is_off(run.system, ledger, part):
+    if balance.is_off(run.system, ledger, far=is_small and not touches):
         yield doubt_balance(balance)
     if estimate and known_error(estimate) > LARGEST_ACCEPTED:
         yield Doubt(DoubtKind.TIME, estimate.sentence)
