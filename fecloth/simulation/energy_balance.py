@@ -113,10 +113,12 @@ class Balance(Account):
     def describe_growth(self, system: System, ledger: Ledger, most: float) -> str:
         """Return a sentence if the method has made more than `most` times what was supplied.
 
-        It has made what the ledger does not explain without the method's own column.
+        It has made what the ledger does not explain without the method's own column. An infinite
+        energy is no growth: the cloth touches an obstacle.
         """
         made = ledger.remainder - ledger.numerical
-        if ledger.silent or not made > most * self.supplied + self.noise(system, ledger):
+        limit = most * self.supplied + self.noise(system, ledger)
+        if ledger.silent or not limit < made < math.inf:
             return ""
         return (
             f"the cloth has received {made + self.supplied:.3g} J, of which its start, its "
