@@ -111,18 +111,19 @@ class Balance(Account):
         )
 
     def describe_growth(self, system: System, ledger: Ledger, most: float) -> str:
-        """Return a sentence if the method has made more than `most` times what was supplied.
+        """Return a sentence if the cloth deforms with too much energy that the method has made.
 
-        It has made what the ledger does not explain without the method's own column. An infinite
-        energy is no growth: the cloth touches an obstacle.
+        That is more than `most` times what was supplied. The method has made what the ledger
+        does not explain without the method's own column; what damping has taken of it since
+        makes no motion.
         """
-        made = ledger.remainder - ledger.numerical
-        limit = most * self.supplied + self.noise(system, ledger)
-        if ledger.silent or not limit < made < math.inf:
+        made = min(self.deforming, ledger.remainder - ledger.numerical)
+        if ledger.silent or not made > most * self.supplied + self.noise(system, ledger):
             return ""
         return (
-            f"the cloth has received {made + self.supplied:.3g} J, of which its start, its "
-            f"loads and its pins have given {self.supplied:.3g} J: the method has made the rest"
+            f"the cloth deforms with a kinetic energy of {self.deforming:.3g} J, where its "
+            f"start, its loads and its pins have given it {self.supplied:.3g} J at most: the "
+            "method has made the rest"
         )
 
     def noise(self, system: System, ledger: Ledger) -> float:

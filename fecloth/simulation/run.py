@@ -213,7 +213,7 @@ def run(
     so for `CentralDifference` at a fixed or stable dt, with terms and pins that need no Python.
     The steps, and the sums in the ledger, are the same as with single steps.
 
-    The run also fails after two rows in a row in which the method has made more energy than
+    The run also fails after two rows in a row that deform with more kinetic energy than
     `most_growth` times what the start, the loads and the pins have supplied (see `Balance`).
     The `StepFailed` of a run that fails has its `result` so far, without the accounts of its
     end. Reasons to doubt the result are its `doubts`. Those that spoil an answer, such as an

@@ -109,6 +109,6 @@ def test_term_without_energy_or_work_causes_no_warning(small):
     ledger = replace(fc.Ledger.open(system, system.rest()), t=1.0, kinetic=1.0)
     assert is_off(system, ledger)
     assert not is_off(system, replace(ledger, silent=True))
-    grown = Balance(0.0, 0.0).describe_growth
+    grown = Balance(0.0, 1.0).describe_growth
     assert grown(system, ledger, 4.0)
     assert not grown(system, replace(ledger, silent=True), 4.0)

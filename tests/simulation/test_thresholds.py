@@ -51,8 +51,10 @@ def test_a_run_fails_from_four_times_the_energy_that_was_supplied(times, fails, 
         given = ledger(system, opening={"kinetic": 1.0, "StVK": 0.0}, **values)
         assert given.supplied == 1.0
         assert given.remainder - given.numerical == pytest.approx(times)
-        growth = Balance(0.0, 0.0, supplied=1.0).describe_growth(system, given, MOST_GROWTH)
+        growth = Balance(0.0, times, supplied=1.0).describe_growth(system, given, MOST_GROWTH)
         assert bool(growth) == fails
+        rest = Balance(0.0, 0.0, supplied=1.0)  # damping has taken it since
+        assert not rest.describe_growth(system, given, MOST_GROWTH)
 
 
 def test_what_was_supplied_is_the_start_the_energy_released_and_the_work(system):
