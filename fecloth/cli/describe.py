@@ -35,7 +35,7 @@ def describe_installation() -> list[str]:
 
 
 def describe_scene(scene: Scene, ranks: int | None) -> list[str]:
-    """Return lines on the plan of a scene, its cloth, its fabrics and its warnings.
+    """Return lines on the plan of a scene, its cloth, its fabrics and the doubts about it.
 
     With `ranks` also the memory on that number of processes.
     """
@@ -46,7 +46,7 @@ def describe_scene(scene: Scene, ranks: int | None) -> list[str]:
         validation.number("ranks", ranks, 0.0, "info")
         memory = memory_of_each(problem.system, ranks)
         lines.append(f"on {ranks} processes (mpiexec): about {memory:.0f} MB each")
-    return lines + [f"warning: {words}" for words in problem.warnings()]
+    return lines + [doubt.line for doubt in problem.doubts()]
 
 
 def describe_cloth(cloth: Cloth) -> list[str]:

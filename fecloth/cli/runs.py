@@ -73,20 +73,22 @@ def _run_scene(scene: "Scene", path: Path, quiet: bool, verbose: bool, **how: An
     from fecloth.cli.progress import progress, show, terminal
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import describe_limit, plan
+    from fecloth.simulation.doubts.doubt import NOTE, Doubt
 
     console = terminal()
 
-    def warn(words: str) -> None:
-        show(f"warning: {words}", console)
+    def warn(doubt: Doubt) -> None:
+        if verbose or doubt.kind.label != NOTE:
+            show(doubt.line, console)
 
-    def announce(problem: "Problem", why: str, warnings: list[str]) -> None:
+    def announce(problem: "Problem", why: str, doubts: list[Doubt]) -> None:
         lines = []
         if not quiet:
             lines = plan(problem, why) if verbose else describe_limit(problem)
         for line in lines:
             show(line, console)
-        for words in warnings:
-            warn(words)
+        for doubt in doubts:
+            warn(doubt)
 
     with progress(console, scene, quiet) as report:
         return run_scene(

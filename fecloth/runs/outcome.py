@@ -41,8 +41,8 @@ class SceneResult(Result):
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one
         without dt.
     doubts
-        Reasons to doubt the result, such as an energy balance that was off (`Balance`), also
-        if it closes at the end.
+        Reasons to doubt the result, such as an energy balance that is off (`Balance`), and
+        notes.
     accounts
         What the run accounts for, at its end.
     status

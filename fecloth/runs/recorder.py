@@ -22,8 +22,8 @@ from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Accounts, End, Run
 from fecloth.simulation.answer import Answer, answer_quantities, list_answers, refining_command
-from fecloth.simulation.doubts.doubt import Doubt, in_words
-from fecloth.simulation.growth import MOST_GROWTH
+from fecloth.simulation.doubts.doubt import Doubt, warnings_of
+from fecloth.simulation.energy_balance import MOST_GROWTH
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.simulation.run import list_accounts, record_of
 from fecloth.simulation.shapes import Shapes
@@ -158,7 +158,7 @@ class Recorder:
     def march(self, report, warn, interrupted: threading.Event) -> FeclothError | None:
         """Take and record all steps; return the error that ended them early, or None.
 
-        `report` is called with the `StepInfo` of each step, `warn` with each new warning, and
+        `report` is called with the `StepInfo` of each step, `warn` with each new doubt, and
         the steps end where `interrupted` is set. After an error a restart file is written, if
         that is possible. Errors of `report`, and a second signal, pass on.
         """
@@ -265,8 +265,8 @@ class Recorder:
         for doubt in accounts.new_doubts(self.progress.doubts):
             self.progress = replace(self.progress, doubts=(*self.progress.doubts, doubt))
             with suppress(WriteError):  # `warn` reports it; the next line fails the run
-                self.folder.log(f"warning: {doubt}")
-            warn(str(doubt))
+                self.folder.log(doubt.line)
+            warn(doubt)
 
     def _is_restart_due(self, info: StepInfo) -> bool:
         """Whether the scene asks for a restart file after this step.
@@ -298,7 +298,7 @@ class Recorder:
 
         That is a frame of the last good state, summary.json, the report and the last lines of
         the log. `status` is how the run ended, `why` the reason for the choice of its solver,
-        `error` the failure of its steps, and `warn` is called with each new warning. If a file
+        `error` the failure of its steps, and `warn` is called with each new doubt. If a file
         cannot be written, the status becomes "failed", with that error if there is no other.
         """
         state = self.progress.state
@@ -371,7 +371,7 @@ class Recorder:
         `failure` is the message of the error that ended the run; `why` is the reason for the
         choice of the solver.
         """
-        warnings = list(in_words(self.doubts))
+        warnings = list(warnings_of(self.doubts))
         return {
             "status": status,
             "error": failure,

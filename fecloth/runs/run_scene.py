@@ -23,7 +23,7 @@ from fecloth.runs.restart import Restart
 from fecloth.scene.plan import plan
 from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene
-from fecloth.simulation.doubts.doubt import in_words
+from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.system import System
@@ -33,10 +33,10 @@ def run_scene(
     scene: Scene,
     path: str | Path,
     overwrite: bool = False,
-    announce: Callable[[Problem, str, list[str]], None] = lambda problem, why, warnings: None,
+    announce: Callable[[Problem, str, list[Doubt]], None] = lambda problem, why, doubts: None,
     report: Callable[[StepInfo], None] = lambda info: None,
     resume: bool = False,
-    warn: Callable[[str], None] = lambda words: None,
+    warn: Callable[[Doubt], None] = lambda doubt: None,
     closed: Callable[[], object] = lambda: None,
     make_system: Callable[..., System] = System,
 ) -> SceneResult:
@@ -48,14 +48,14 @@ def run_scene(
         The folder; one that is not empty is refused unless `overwrite` is set.
     announce
         Called before the first step with the problem, the choice of the solver, and the
-        warnings.
+        doubts about the set-up.
     report
         Called after every step.
     resume
         Continue the run in that folder from its last restart file; what it wrote later is
         removed.
     warn
-        Called with each warning that arises during the run and at its end.
+        Called with each `Doubt` that arises during the run and at its end, notes too.
     closed
         Called when all files are written, before signals are handled as before the run.
     make_system
@@ -90,9 +90,9 @@ def _run_scene(
     overwrite: bool,
     resume: bool,
     *,
-    announce: Callable[[Problem, str, list[str]], None],
+    announce: Callable[[Problem, str, list[Doubt]], None],
     report: Callable[[StepInfo], None],
-    warn: Callable[[str], None],
+    warn: Callable[[Doubt], None],
     closed: Callable[[], object],
     locks: ExitStack,
     make_system: Callable[..., System],
@@ -119,8 +119,7 @@ def _run_scene(
     with watch.phase("choose"):
         problem, (solver, why) = _with_earlier_method(problem, earlier).choose()
     doubts = problem.doubts()
-    warnings = list(in_words(doubts))
-    announce(problem, why, warnings)
+    announce(problem, why, doubts)
     with interruptible() as interrupted:
         if not existed:
             with writing(path):
@@ -135,7 +134,7 @@ def _run_scene(
                 clean_up.enter_context(remove_on_failure(path, is_new=not existed))
             folder.text("scene.resolved.toml", scene.to_toml())
             folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
-            for line in (*plan(problem, why), *(f"warning: {words}" for words in warnings)):
+            for line in (*plan(problem, why), *(doubt.line for doubt in doubts)):
                 folder.log(line)
             recorder = Recorder(
                 folder,

@@ -1,197 +1,202 @@
-"""Whether the energy balance of a run closes, measured by the energy of its deformation."""
+"""What the energy of a run does not explain: the one account of it.
+
+The ledger says how much energy is unexplained, and how much the method has made or taken. This
+account has the energy that has moved, with which these are compared.
+"""
 
 import math
 from dataclasses import dataclass
 
-from fecloth.simulation.account import Account, Accounts, End, Run
-from fecloth.simulation.deformation import Deformation, negligible_energy
+from fecloth.simulation.account import Account, Accounts, Run
+from fecloth.simulation.deformation import (
+    kinetic_of_deformation,
+    negligible_energy,
+    stored_by_deformation,
+)
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.steps import StepInfo
+from fecloth.simulation.step_failures import explain
+from fecloth.simulation.steps import Problem, StepInfo, step_failed
+from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
+from fecloth.terms.traits import has_kind
 
-LARGEST_REMAINDER = 0.05  # over the energy of deformation; a larger remainder causes a doubt
-# Of what inner damping dissipates: the error of its power within a step.
-ERROR_OF_DISSIPATED = 0.02
-DISTRUST = "do not trust this motion"  # what the doubt about a balance says
-STEPS_OFF = 10  # steps in a row that a balance must be off, before the end
-# Over the energy of the motion: a remainder that no estimate of the error excuses.
-FAR_OFF = 0.5
-# Over the energies, of the whole motion too: what Newton's tolerance leaves.
-ENERGY_UNSOLVED = 1e-10
-# Over the kinetic energy, or 3 % of the speed; over the work of obstacles that move.
+MOST_GROWTH = 4.0  # energy that a method may make, over the energy that was supplied
+LARGEST_REMAINDER = 0.05  # over the energy that has moved; of what contacts have made, too
+FAR_OFF = 0.5  # over the energy of the motion: a remainder that no small error in time excuses
+MOST_TAKEN = 0.2  # over that energy: what the method may dissipate without a doubt
+# Over the largest kinetic energy and the work: 3 % of a speed do not matter.
 SLIGHT_ENERGY = 1e-3
+ENERGY_UNSOLVED = 1e-10  # over all amounts in the ledger: what Newton's tolerance leaves
 
 
 @remembered
 @dataclass(frozen=True)
 class Balance(Account):
-    """The energy balance of the steps so far.
+    """The energy that has moved in a run, and the measure of what is not explained.
 
     Attributes
     ----------
     start
         Time of the start [s].
-    steps
-        Number of steps.
-    largest
-        Largest energy of deformation that three steps in a row have reached [J]. The spike of a
-        single step, as where a pin jumps, does not count.
-    last, before
-        The energy of deformation after the last step and the one before [J].
-    off, least
-        Number of steps in a row whose remainder was too large, and the least remainder of
-        these [J].
-    t, remainder
-        Time [s] and remainder [J] after the last step.
-    kinetic, last_kinetic, kinetic_before
-        Kinetic energy with the rigid motion, like `largest`, `last` and `before` [J].
-    worked
-        Largest work that obstacles had done until then [J].
+    deforming
+        Kinetic energy of the deformation after the last step [J].
+    moved
+        Largest energy so far that has moved through the deformation [J]: its kinetic energy, the
+        changes of the energies of terms that are no loads, and what inner damping and the method
+        have taken. It is the same for every observer.
+    kinetic
+        Largest kinetic energy so far, with the rigid motion [J].
     gained
-        Largest energy that the method had made in all until then [J].
-    imbalance
-        A doubt if the balance was off; `Verdict` says whether it counts.
-    is_far
-        Whether it was off by more than FAR_OFF.
+        Largest energy that the method had made in all until then, by its own formula [J].
+    supplied
+        Largest `Ledger.supplied` so far [J].
+    remainder
+        The remainder of the ledger after the last step [J].
+    growth
+        `describe_growth` after the last step.
     """
 
     name = "balance"
     table = "steps"
     start: float
-    steps: int = 0
-    largest: float = 0.0
-    last: float = 0.0
-    before: float = 0.0
-    off: int = 0
-    least: float = math.inf
-    t: float = 0.0
-    remainder: float = 0.0
+    deforming: float
+    moved: float = 0.0
     kinetic: float = 0.0
-    last_kinetic: float = 0.0
-    kinetic_before: float = 0.0
-    worked: float = 0.0
     gained: float = 0.0
-    imbalance: Doubt | None = None
-    is_far: bool = False
+    supplied: float = 0.0
+    remainder: float = 0.0
+    growth: str = ""
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "Balance":
-        return cls.open(others[Ledger], others[Deformation])
+        return cls.open(run.system, run.start, others[Ledger])
 
     @classmethod
-    def open(cls, ledger: Ledger, deformation: Deformation) -> "Balance":
-        """Return the balance at the start, with the ledger and the deformation there."""
-        energy = deformation.energy(ledger)
-        return cls(
-            ledger.t,
-            last=energy,
-            before=energy,
-            t=ledger.t,
-            remainder=ledger.remainder,
-            last_kinetic=ledger.kinetic,
-            kinetic_before=ledger.kinetic,
-        )
+    def open(cls, system: System, state: State, ledger: Ledger) -> "Balance":
+        """Return the record at the start, with the ledger there."""
+        _, pin_v = system.constraints.target(state.t, 0.0, state.x)
+        deforming = kinetic_of_deformation(system, state, ledger.kinetic, pin_v)
+        return cls(ledger.t, deforming, moved=deforming, kinetic=ledger.kinetic)
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Balance":
-        return self.after(run.system, others[Ledger], others[Deformation], info.number)
+        """Return the record after a step; `StepFailed` after two rows with too much growth.
 
-    def after(
-        self, system: System, ledger: Ledger, deformation: Deformation, number: int = 1
-    ) -> "Balance":
-        """Return the balance after a `number` of steps, with the ledger after the last one."""
-        now = deformation.energy(ledger)
-        remainder = ledger.remainder
-        kinetic = min(ledger.kinetic, self.last_kinetic, self.kinetic_before)
-        new = self.changed(
-            steps=self.steps + number,
-            largest=max(self.largest, min(now, self.last, self.before)),
-            last=now,
-            before=self.last,
-            t=ledger.t,
-            remainder=remainder,
-            kinetic=max(self.kinetic, kinetic),
-            last_kinetic=ledger.kinetic,
-            kinetic_before=self.last_kinetic,
-            worked=max(self.worked, _work_of_obstacles(system, ledger)),
+        One row may have it: forward Euler moves a cloth before its forces have done work.
+        """
+        ledger = others[Ledger]
+        after = self.after(run.system, info.old, info.result.state, ledger)
+        growth = after.describe_growth(run.system, ledger, run.most_growth)
+        if growth and self.growth:
+            failure = step_failed(run.system, info.old, info.step, info.dt, Problem(growth))
+            raise explain(failure, run.system, run.method)
+        return after.changed(growth=growth)
+
+    def after(self, system: System, old: State, new: State, ledger: Ledger) -> "Balance":
+        """Return the record after a step between two states, with the ledger after it."""
+        pin_v = new.v
+        if system.movable_pieces:
+            pin_v = (new.x - old.x) / (new.t - old.t)
+        deforming = kinetic_of_deformation(system, new, ledger.kinetic, pin_v)
+        taken = ledger.lost_inside + abs(ledger.numerical)
+        moved = deforming + stored_by_deformation(system, ledger) + taken
+        return self.changed(
+            deforming=deforming,
+            moved=max(self.moved, moved),
+            kinetic=max(self.kinetic, ledger.kinetic),
             gained=max(self.gained, -ledger.numerical),
+            supplied=max(self.supplied, ledger.supplied),
+            remainder=ledger.remainder,
         )
-        trusted = new.trusted(system, ledger)
-        remainder = abs(remainder)
-        if remainder <= trusted:
-            if new.off:
-                return new.changed(off=0, least=math.inf)
-            return new
-        if min(self.least, remainder) <= trusted:  # the first of a new row of steps
-            return new.changed(off=1, least=remainder)
-        new = new.changed(off=self.off + 1, least=min(self.least, remainder))
-        if new.off >= STEPS_OFF:
-            return new._doubted(new.least)
-        return new
 
-    def finish(self, run: Run, end: End, others: Accounts) -> "Balance":
-        """At the end of a run one step whose balance is off is enough for a doubt."""
-        if self.off:
-            return self._doubted(abs(self.remainder))
-        return self
+    def describe_growth(self, system: System, ledger: Ledger, most: float) -> str:
+        """Return a sentence if the cloth deforms with too much energy that the method has made.
 
-    def _doubted(self, off: float) -> "Balance":
-        """Return the balance with a doubt, where it is off by so much [J].
-
-        A balance must be off for ten steps in a row, all by more than is trusted at the last of
-        them: a load that sets in has moved little in its first steps.
+        That is more than `most` times what was supplied. The method has made what the ledger
+        does not explain without the method's own column; what damping has taken of it since
+        makes no motion.
         """
-        is_far = self.is_far or off > FAR_OFF * max(self.scale, self.kinetic)
-        by = "off by {:.3g} J, where the energy of deformation was {:.3g} J at most"
-        if not math.isfinite(self.remainder):
-            by = "not known, because an energy is not finite: the cloth touches an obstacle"
-        words = (
-            f"step {self.steps}, at t = {self.t:g} s: the energy balance is "
-            f"{by.format(self.remainder, self.scale)}: {DISTRUST}"
+        made = min(self.deforming, ledger.remainder - ledger.numerical)
+        if ledger.silent or not made > most * self.supplied + self.noise(system, ledger):
+            return ""
+        return (
+            f"the cloth deforms with a kinetic energy of {self.deforming:.3g} J, where its "
+            f"start, its loads and its pins have given it {self.supplied:.3g} J at most: the "
+            "method has made the rest"
         )
-        doubt = Doubt(DoubtKind.MOTION, words, "take a smaller dt")
-        return self.changed(imbalance=self.imbalance or doubt, is_far=is_far)
-
-    @property
-    def scale(self) -> float:
-        """What the remainder is compared with [J]: `largest`, in the first steps the last."""
-        return self.largest or self.last
-
-    def trusted(self, system: System, ledger: Ledger) -> float:
-        """Return the largest remainder that causes no warning [J].
-
-        It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or the `noise` if
-        that is more. With a term that reports neither energy nor work nothing is known.
-        """
-        if ledger.silent or ledger.t <= self.start:
-            return math.inf
-        noise = self.noise(system, ledger)
-        error_of_dissipated = ERROR_OF_DISSIPATED * ledger.lost_inside
-        return max(LARGEST_REMAINDER * self.scale + error_of_dissipated, noise)
 
     def noise(self, system: System, ledger: Ledger) -> float:
-        """Return the energy [J] that does not matter in a balance.
+        """Return the energy [J] that does not matter: round-off, tolerances, slight speeds.
 
-        It is what round-off and Newton's tolerance leave, 1e-10 of the amounts in the
-        remainder's difference, and `negligible_energy`; and 1e-3 of the largest kinetic
-        energy: given to one direction, it is 3 % of the speed. Where obstacles lift or push a
-        cloth, it is 1e-3 of their work, too: Newton's tolerance "auto" is a part of their
-        forces.
+        It is `negligible_energy`, 1e-10 of the amounts in the ledger, and 1e-3 of the largest
+        kinetic energy and of the work of loads and pins.
         """
-        amounts = sum(abs(amount) for amount in ledger.amounts())
-        unsolved = ENERGY_UNSOLVED * amounts + negligible_energy(system, ledger.t - self.start)
-        return unsolved + SLIGHT_ENERGY * (self.kinetic + self.worked)
+        worked = abs(ledger.pins) + sum(map(abs, ledger.work.values()))
+        unsolved = ENERGY_UNSOLVED * sum(map(abs, ledger.amounts()))
+        slight = SLIGHT_ENERGY * (self.kinetic + worked)
+        return slight + unsolved + negligible_energy(system, ledger.t - self.start)
+
+    def is_off(self, system: System, ledger: Ledger, far: bool = False) -> bool:
+        """Return whether the remainder is above 5 % of what has moved.
+
+        Or `far`: above half of it, or of the kinetic energy if that is more. With a term that
+        reports neither energy nor work nothing is known, nor before a step.
+        """
+        if ledger.silent or ledger.t <= self.start:
+            return False
+        most = LARGEST_REMAINDER * self.moved
+        if far:
+            most = FAR_OFF * max(self.moved, self.kinetic)
+        return not abs(self.remainder) <= most + self.noise(system, ledger)
 
     def row(self) -> dict[str, float]:
-        """Return the remainder relative to the largest energy of deformation so far."""
+        """Return the remainder over the energy that has moved so far."""
         drift = 0.0
-        if self.scale:
-            drift = self.remainder / self.scale
+        if self.moved:
+            drift = self.remainder / self.moved
         return {"drift": drift}
 
 
-def _work_of_obstacles(system: System, ledger: Ledger) -> float:
-    """Return the sum of what the contacts have done or taken [J]."""
-    contacts = [name for name, term in system.named if term.limits_direction]
-    return sum(abs(ledger.work.get(name, 0.0)) for name in contacts)
+def doubt_balance(balance: Balance) -> Doubt:
+    """Return the doubt about a balance that is off at the end of a run."""
+    by = f"off by {balance.remainder:.3g} J, where {balance.moved:.3g} J have moved"
+    if not math.isfinite(balance.remainder):
+        by = "not known, because an energy is not finite: the cloth touches an obstacle"
+    words = f"the energy balance is {by}: do not trust this motion"
+    return Doubt(DoubtKind.MOTION, words, "take a smaller dt")
+
+
+def doubt_gain(balance: Balance) -> Doubt | None:
+    """Return a doubt if the method has made more than 5 % of what moved, as at impacts."""
+    moved = max(balance.kinetic, balance.moved)
+    if balance.gained <= LARGEST_REMAINDER * moved:
+        return None
+    words = (
+        f"numerical dissipation was below zero: the method has made {balance.gained:.3g} J, "
+        f"where {moved:.3g} J moved, as its steps do not resolve how contacts push"
+    )
+    return Doubt(DoubtKind.GAIN, words, "take BackwardEuler, or a smaller dt")
+
+
+def doubt_dissipation(run: Run, balance: Balance, ledger: Ledger) -> Doubt | None:
+    """Return a doubt if the method has dissipated more than 20 % of what moved.
+
+    A cloth that only flies as a rigid body has no such energy, and no doubt.
+    """
+    if ledger.silent or ledger.t <= balance.start:
+        return None
+    motion = max(balance.moved, ledger.numerical + sum(ledger.dissipated.values()))
+    if not ledger.numerical > MOST_TAKEN * motion + balance.noise(run.system, ledger):
+        return None
+    remedy = "take a smaller dt, or a method that dissipates less"
+    if has_kind(run.system.terms, "contact"):
+        remedy = "take a smaller dt"
+        if run.method.traits.order == 1:  # of order 2 BDF2 alone is allowed with contact
+            remedy = "take a smaller dt, or BDF2"
+        remedy += "; impacts without a bounce lose energy anyway, and count here, too"
+    words = (
+        f"numerical dissipation has taken {ledger.numerical:.3g} J, "
+        f"{100 * ledger.numerical / motion:.0f} % of the energy of the motion"
+    )
+    return Doubt(DoubtKind.DAMPING, words, remedy)

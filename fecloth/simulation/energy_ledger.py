@@ -125,16 +125,6 @@ class Ledger(Account):
         kinetic = energies.pop("kinetic")
         return self.changed(kinetic=kinetic, potential=energies, pins=self.pins + change)
 
-    def since(self, earlier: "Ledger") -> "Ledger":
-        """Return the ledger of the time after an earlier one."""
-        return self.changed(
-            opening={"kinetic": earlier.kinetic, **earlier.potential},
-            dissipated={n: lost - earlier.dissipated[n] for n, lost in self.dissipated.items()},
-            work={name: done - earlier.work[name] for name, done in self.work.items()},
-            pins=self.pins - earlier.pins,
-            numerical=self.numerical - earlier.numerical,
-        )
-
     def _flows(self, system: System, method, old: State, step) -> Flows:
         """Return what a step dissipates and what loads and pins do in it."""
         dt = step.state.t - old.t
@@ -176,6 +166,19 @@ class Ledger(Account):
     def lost_inside(self) -> float:
         """Dissipation by damping that a rigid motion does not feel [J]."""
         return sum(self.dissipated.values()) - self.lost_outside
+
+    @property
+    def supplied(self) -> float:
+        """What the start, the loads and the pins have given the cloth [J].
+
+        The kinetic energy of the start, what the terms' energies are below the start, and the
+        size of the work of each load and of the pins.
+        """
+        released = sum(
+            max(0.0, self.opening[name] - energy) for name, energy in self.potential.items()
+        )
+        work = abs(self.pins) + sum(map(abs, self.work.values()))
+        return self.opening["kinetic"] + released + work
 
     @property
     def total(self) -> float:

@@ -16,7 +16,7 @@ from fecloth.nonlinear.eigenpairs import least_stiffness
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.simulation.beyond_curve import area_beyond, doubt_curve
 from fecloth.simulation.doubts.before_run import OF_EQUILIBRIA, find_doubts
-from fecloth.simulation.doubts.doubt import Doubt, in_words
+from fecloth.simulation.doubts.doubt import NOTE, Doubt, warnings_of
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.rest_stability import doubt_jumps, doubt_stability
@@ -74,8 +74,8 @@ class Equilibrium(State):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The doubts in words, a sentence each."""
-        return in_words(self.doubts)
+        """The doubts that spoil an answer, in words: a sentence each."""
+        return warnings_of(self.doubts)
 
     @property
     def state(self) -> Self:
@@ -257,9 +257,10 @@ def _history_for_runs(system: System, history: History | None) -> History | None
 
 
 def _warn(doubts: Iterable[Doubt]) -> None:
-    """Warn of each doubt, at the line that calls `equilibrium`."""
+    """Warn of each doubt that is no note, at the line that calls `equilibrium`."""
     for doubt in doubts:
-        warnings.warn(str(doubt), FeclothWarning, stacklevel=4)
+        if doubt.kind.label != NOTE:
+            warnings.warn(str(doubt), FeclothWarning, stacklevel=4)
 
 
 def _check(system, state, load_steps, tolerance, max_iterations, solver, report):

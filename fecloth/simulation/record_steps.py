@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from fecloth.simulation.account import NEVER, Accounts, Run
-from fecloth.simulation.deformation import Deformation
+from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.probes import Observer
@@ -57,7 +57,7 @@ def record_steps(
     """Yield a `Record` for each step of `march`; `accounts` are before the first of them.
 
     `next_row` says which step must be recorded next; steps between may be left out. None: each.
-    Raises `StepFailed` if the run must not go on: see `Growth`.
+    Raises `StepFailed` if the run must not go on: see `Balance`.
     """
     steps = iter(steps)
     taken = next(steps, None)
@@ -112,11 +112,11 @@ def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callab
 
     `Auto` predicts the cost of a run with it.
     """
-    deformation = Deformation.open(system, observer.start, ledger)
+    balance = Balance.open(system, observer.start, ledger)
 
     def record(method, old, step):
         after = ledger.after(system, method, old, step)
-        deformation.after(system, old, step.state, after)
+        balance.after(system, old, step.state, after)
         return after.row(), observer.row(old, step)
 
     return record

@@ -22,15 +22,13 @@ from fecloth.simulation.answer import Answer, answer_quantities, places_of
 from fecloth.simulation.beyond_curve import BeyondCurve
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.defined_in_time import refuse_undefined
-from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.doubts.before_run import find_doubts
-from fecloth.simulation.doubts.doubt import Doubt, in_words
+from fecloth.simulation.doubts.doubt import NOTE, Doubt, warnings_of
 from fecloth.simulation.doubts.planned_run import PlannedRun
-from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.energy_balance import MOST_GROWTH, Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_in_space import ErrorInSpace
 from fecloth.simulation.fused_march import Wanted
-from fecloth.simulation.growth import MOST_GROWTH, Growth
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
@@ -50,8 +48,6 @@ from fecloth.system.system import System
 
 AT_END = (BeyondCurve, ErrorInSpace, Shapes)
 IN_TIME: tuple[type[Account], ...] = (
-    Deformation,
-    Growth,
     Balance,
     Solves,
     Contact,
@@ -60,7 +56,6 @@ IN_TIME: tuple[type[Account], ...] = (
     *AT_END,
 )
 STATIC: tuple[type[Account], ...] = (
-    Deformation,
     Balance,
     Verdict,
     Solves,
@@ -101,8 +96,8 @@ class Result:
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one
         without dt.
     doubts
-        Reasons to doubt the result, such as an energy balance that was off (`Balance`), also
-        if it closes at the end.
+        Reasons to doubt the result, such as an energy balance that is off (`Balance`), and
+        notes.
     accounts
         What the run accounts for, at its end.
     quantities
@@ -183,15 +178,15 @@ class Result:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The doubts in words, a sentence each."""
-        return in_words(self.doubts)
+        """The doubts that spoil an answer, in words: a sentence each."""
+        return warnings_of(self.doubts)
 
     def __repr__(self) -> str:
         steps = amount(self.steps, "step")
         t = self.times[-1]
         remarks = [name_time_error(self.time_error)]
-        if self.doubts:
-            remarks.append(count_warnings(self.doubts))
+        if self.warnings:
+            remarks.append(amount(len(self.warnings), "warning"))
         return f"<Result of {steps} of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
 
     def _repr_html_(self) -> str:
@@ -228,10 +223,11 @@ def run(
     The steps, and the sums in the ledger, are the same as with single steps.
 
     The run also fails after two rows in a row that deform with more kinetic energy than
-    `most_growth` times what the start, the loads and the pins can have supplied (see
-    `Growth`). The `StepFailed` of a run that fails has its `result` so far, without the
-    accounts of its end. Reasons to doubt the result, such as an error in time above 10 % or an
-    energy balance that does not close, are its `doubts`, and come as a `FeclothWarning` each.
+    `most_growth` times what the start, the loads and the pins have supplied (see `Balance`).
+    The `StepFailed` of a run that fails has its `result` so far, without the accounts of its
+    end. Reasons to doubt the result are its `doubts`. Those that spoil an answer, such as an
+    error in time above 5 % or an energy balance that does not close, are its `warnings`. Each
+    of them comes as a `FeclothWarning`, and so does a likely mistake in the set-up.
 
     Raises
     ------
@@ -269,8 +265,7 @@ def run(
     planned = PlannedRun(system, opening, steps, ends)
     refuse_undefined(planned)
     foreseen = tuple(find_doubts(planned))
-    for doubt in foreseen:
-        warnings.warn(str(doubt), FeclothWarning, stacklevel=3)
+    _warn(foreseen)
     if memory is None:  # `march` checks and warns only without a memory
         steps.check_start(system, state)
     before = memory or Memory(0, state.t, None)
@@ -299,9 +294,15 @@ def run(
         step=before.step,
         interest=places_of(probes),
     )
-    for doubt in result.doubts[len(foreseen) :]:
-        warnings.warn(str(doubt), FeclothWarning, stacklevel=3)
+    _warn(result.doubts[len(foreseen) :])
     return result
+
+
+def _warn(doubts: Iterable[Doubt]) -> None:
+    """Warn of each doubt that is no note, at the line that calls `run`."""
+    for doubt in doubts:
+        if doubt.kind.label != NOTE:
+            warnings.warn(str(doubt), FeclothWarning, stacklevel=4)
 
 
 def collect(
@@ -391,14 +392,6 @@ def record_of(
         probes=tuple(observer.probes),
         energies=energies.keys(),
     )
-
-
-def count_warnings(doubts: Sequence[Doubt]) -> str:
-    """Return the number of warnings in words, such as "no warnings" or "1 warning"."""
-    number = len(doubts)
-    if number == 1:
-        return "1 warning"
-    return f"{number or 'no'} warnings"
 
 
 def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, np.ndarray]:

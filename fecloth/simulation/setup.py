@@ -13,7 +13,7 @@ from fecloth.nonlinear.options import Newton
 from fecloth.simulation.answer import places_of
 from fecloth.simulation.disturbance import lift, lift_by_waves
 from fecloth.simulation.doubts.before_run import OF_SCENES, find_doubts
-from fecloth.simulation.doubts.doubt import Doubt, in_words
+from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
@@ -125,12 +125,8 @@ class Setup:
         return PlannedRun(self.system, self.start, self.steps or LoadSteps(), ends)
 
     def doubts(self) -> list[Doubt]:
-        """Return the likely mistakes in the set-up."""
+        """Return the doubts about the set-up."""
         return list(find_doubts(self.planned, OF_SCENES))
-
-    def warnings(self) -> list[str]:
-        """Return a sentence for each likely mistake in the set-up, with its remedy."""
-        return list(in_words(self.doubts()))
 
     @property
     def asked(self) -> tuple[Quantity, ...]:

@@ -10,17 +10,14 @@ from fecloth.integrators.protocol import MethodTraits, drift_of
 from fecloth.linalg.reductions import rms
 from fecloth.simulation.account import NEVER, Account, Accounts, End, Run
 from fecloth.simulation.contact import Contact
-from fecloth.simulation.deformation import MOTION_AT_REST, Deformation
+from fecloth.simulation.deformation import MOTION_AT_REST
 from fecloth.simulation.doubts.jumps import NEAR, Jump, find_jumping_motions
+from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_transport import Error, Transport
 from fecloth.simulation.rigid_motion import derivative, rms_without_rigid
 from fecloth.simulation.steps import StepInfo
-from fecloth.simulation.time_error_words import (
-    LARGEST_ACCEPTED,
-    LEAST_STATED,
-    describe_time_error,
-)
+from fecloth.simulation.time_error_words import LEAST_STATED, describe_time_error
 from fecloth.simulation.within_step import acceleration
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -47,7 +44,7 @@ LOOK_AGAIN = 0.15  # of the time so far between two looks at the displacement
 @remembered
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A state, and its energies [J]: see `Deformation` and `Ledger`.
+    """A state, and its energies [J]: see `Balance` and `Ledger`.
 
     Attributes
     ----------
@@ -205,14 +202,6 @@ class TimeError(Account):
         sample = _sample(run.system, state, step, others)
         kicked = self._kicked(run, state, sample)
         return kicked.sampled(run.system, run.method.traits, state, sample)
-
-    @property
-    def is_large(self) -> bool:
-        """Whether the error, or what is known of one that cannot be stated, is above 10 %."""
-        if self.unknown:
-            known = max(self.largest, self.carried)
-            return self.relative > LARGEST_ACCEPTED or known > LARGEST_ACCEPTED * self.moved
-        return self.relative > LARGEST_ACCEPTED
 
     def summary(self) -> dict[str, object]:
         is_known = not math.isnan(self.relative)
@@ -418,7 +407,7 @@ def _as_random(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _sample(system: System, state: State, step: int, others: Accounts) -> Sample:
     """Return the sample of a state after the step of this number."""
     ledger = others[Ledger]
-    deforming = others[Deformation].kinetic
+    deforming = others[Balance].deforming
     supplied = sum(ledger.work.get(name, 0.0) for name in ledger.resisting)
     return Sample(
         t=state.t,

@@ -5,7 +5,6 @@ import math
 from fecloth.simulation.error_control import Adaptive
 
 LARGEST_STATED = 0.3  # error that the estimate can resolve
-LARGEST_ACCEPTED = 0.1  # error without a doubt
 PROPOSED_ERROR = 0.01  # for which a step is proposed
 LONGEST_PROPOSAL = 10.0  # step over the step that was taken
 LEAST_STATED = 1e-5  # a smaller error is reported as below it

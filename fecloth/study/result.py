@@ -10,7 +10,7 @@ from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file, writing
 from fecloth.quantities.digits import with_uncertainty
-from fecloth.simulation.doubts.doubt import Doubt, in_words
+from fecloth.simulation.doubts.doubt import NOTE, Doubt, warnings_of
 from fecloth.study.figures import Figure
 from fecloth.study.status import OK
 from fecloth.view.web_page import render
@@ -172,8 +172,8 @@ class StudyResult:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The doubts in words, a sentence each."""
-        return in_words(self.doubts)
+        """The doubts that spoil an answer, in words: a sentence each."""
+        return warnings_of(self.doubts)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.title}: {self.verdict.splitlines()[0]}>"
@@ -191,9 +191,9 @@ class StudyResult:
         return "\n".join([*self.words(), "", str(self.table), ""])
 
     def words(self) -> list[str]:
-        """The verdict, the warnings and the notes, a line each."""
-        warned = (f"warning: {words}" for words in self.warnings)
-        return [*self.verdict.splitlines(), *warned, *self.notes()]
+        """The verdict, the doubts that are more than notes, and the notes, a line each."""
+        doubts = (doubt.line for doubt in self.doubts if doubt.kind.label != NOTE)
+        return [*self.verdict.splitlines(), *doubts, *self.notes()]
 
     @property
     def exit_status(self) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, amount
-from fecloth.simulation.doubts.doubt import Doubt
+from fecloth.simulation.doubts.doubt import NOTE, Doubt, DoubtKind
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
@@ -144,8 +144,8 @@ def run_quantities(
 
     A row has the `cells` of its run, its `problem`, and all that the quantities are computed
     from, see `record_at`. A mapping among the runs is the row of what does not run, such as a
-    setting that was refused: it is returned as it is. A run with a doubt that spoils it counts as
-    failed: it is no evidence.
+    setting that was refused: it is returned as it is. A run whose energy balance is off counts as
+    failed: see `judged`.
 
     Raise `InputError` for several functions as quantities.
     """
@@ -175,10 +175,10 @@ def run_quantities(
 
 
 def judged(row: Mapping) -> Row:
-    """Return a row, as failed if its run has a doubt that spoils it as evidence."""
+    """Return a row, as failed if the energy of its run is not explained: it is no evidence."""
     if row["status"] == status.OK:
         for doubt in doubts_of(row):
-            if doubt.kind.spoils:
+            if doubt.kind is DoubtKind.MOTION:
                 return {**row, **status.failure(status.FAILED, doubt)}
     return {**row}
 
@@ -315,7 +315,8 @@ def refuse_huge(problem: StudyProblem, how: Runs) -> None:
 def print_doubts(problem: StudyProblem) -> tuple[Doubt, ...]:
     """Print and return the doubts about the set-up, which the runs of a study do not repeat."""
     for doubt in problem.doubts:
-        print(f"warning: {doubt}", file=sys.stderr, flush=True)
+        if doubt.kind.label != NOTE:
+            print(doubt.line, file=sys.stderr, flush=True)
     return problem.doubts
 
 

@@ -199,7 +199,8 @@ def judge(row: Mapping) -> Row:
     """
     if row["status"] != OK:
         return {**row, "cause": row["cause"].partition("\n")[0]}
-    doubts = [doubt for doubt in doubts_of(row) if doubt.kind is not DoubtKind.INTERSECTION]
+    spoiling = (doubt for doubt in doubts_of(row) if doubt.kind.spoils)
+    doubts = [doubt for doubt in spoiling if doubt.kind is not DoubtKind.INTERSECTION]
     if row["made"] > WRONG_ENERGY:
         cause = f"the method made {row['made']:.2g} of the energy that moved"
         return {**row, "status": WRONG, "cause": cause}

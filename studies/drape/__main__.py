@@ -137,7 +137,7 @@ def compare_methods(h: float) -> None:
                 end = "failed"
         seconds = time.process_time() - begin
         if any("energy balance" in str(warning.message) for warning in caught):
-            end += ", its energy balance off on the way"
+            end += ", its energy balance off"
         print(f"{method.__name__:24s} {1000 * dt:3.0f} ms  {seconds:5.1f} CPU s  {end}")
 
 

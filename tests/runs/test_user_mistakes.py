@@ -121,7 +121,7 @@ def test_a_force_without_a_value_where_the_cloth_comes_is_named(scene, capsys):
 def test_wrong_unit_is_reported_before_the_first_step_and_in_the_log(name, scene, capsys):
     override, remedy = UNITS[name]
     _, words = run_and_read(capsys, "--set", override, "--set", "time.t_end=0.002")
-    assert f"warning: {override.split('.')[1].replace('=', ' = ')}" in words
+    assert f"check: {override.split('.')[1].replace('=', ' = ')}" in words
     assert remedy in words
     assert remedy in Path("out/run.log").read_text()
 

@@ -94,7 +94,7 @@ def test_it_is_in_all_files_of_a_run(scene, tmp_path):
     assert any(
         line.endswith(f"at most {most:.3g} J") for line in list_details(outcome.accounts, summary)
     )
-    assert warned == list(outcome.warnings)
+    assert [str(doubt) for doubt in warned] == list(outcome.warnings)
 
 
 def test_it_survives_a_restart(scene, tmp_path):

@@ -126,14 +126,6 @@ def test_an_error_that_has_grown_beyond_the_sum_is_not_known(share, known):
     assert error._find_unknown(system, 1.0) == ("" if known else GROWS)
 
 
-@pytest.mark.parametrize(("carried", "large"), [(0.08, False), (0.125, True)])
-def test_an_error_that_has_grown_beyond_a_tenth_of_the_motion_is_a_warning(carried, large):
-    _, state, _, _ = sheet(1.05)
-    start = Sample(0.0, 0, state.x, state.v, 0.0, 0.0, 0.0, 0.0)
-    error = replace(TimeError(state.x, start, (start,)), carried=carried, moved=1.0, unknown=GROWS)
-    assert error.is_large == large
-
-
 def test_a_flat_sheet_that_is_pressed_together_has_no_number():
     """Its buckles grow from nothing, by a factor that no step sees."""
     cloth = fc.Cloth.rectangle(0.6, 0.6, h=0.1, pattern="cross")

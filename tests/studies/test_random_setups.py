@@ -9,41 +9,38 @@ from studies.evidence.trust.random_setups import findings_of, is_judged, verdict
 pytestmark = pytest.mark.stories
 
 
-def test_a_seed_draws_the_same_set_up_with_finer_steps_and_meshes():
+def test_a_seed_draws_the_same_set_up_with_finer_steps():
     drawn = draw(1, 16)
-    run, finer, halved = drawn.build(), drawn.build(4), drawn.build(1, halved=True)
+    run, finer = drawn.build(), drawn.build(4)
     assert draw(1, 16).words == drawn.words != draw(2, 16).words
     assert finer.dt == pytest.approx(run.dt / 4)
     assert finer.t_end == run.t_end
     assert np.array_equal(finer.state.x, run.state.x)
-    assert len(halved.system.cloth.X) > 3 * len(run.system.cloth.X)
 
 
-def row(error, warned=0, only_space=False, in_space=float("nan"), stated=0.01):
-    row = {"status": "ok", "failed": False, "counts": True, "error": error, "warned": warned}
-    return row | {"only_space": only_space, "in_space": in_space, "stated": stated, "apart": 1e-6}
+def row(error, kinds="", stated=0.01):
+    row = {"status": "ok", "failed": False, "counts": True, "error": error, "kinds": kinds}
+    return row | {"stated": stated, "apart": 1e-6}
 
 
 def test_verdicts():
     assert verdict(row(0.01)) == "good, silent"
-    assert verdict(row(0.01, 1)) == "good, warned"
-    assert verdict(row(0.01, 1, True, 0.2)) == "good in time, wrong in space, warned"
-    assert verdict(row(0.01, 1, True, 0.05)) == "good, warned"
-    assert verdict(row(0.05, 1)) == "between, warned"
+    assert verdict(row(0.01, "time")) == "good, warned"
+    assert verdict(row(0.01, "intersection")) == "good in time, passes through itself"
+    assert verdict(row(0.01, "time, intersection")) == "good, warned"
+    assert verdict(row(0.05, "time")) == "between, warned"
     assert verdict(row(0.2)) == "wrong, silent"
     assert verdict(row(0.01) | {"counts": False}) == "does not count"
     assert verdict(row(0.01) | {"failed": True}) == "failed"
 
 
 def test_findings():
-    rows = [row(0.01)] * 10 + [row(0.2, 1, stated=0.15)]
-    assert all(finding.is_met for finding in findings_of(rows, 11))
+    rows = [row(0.01)] * 19 + [row(0.01, "time"), row(0.2, "time", stated=0.15)]
+    assert all(finding.is_met for finding in findings_of(rows, 21))
     assert not all(finding.is_met for finding in findings_of([*rows, row(0.2, stated=0.2)], 1))
+    assert not all(finding.is_met for finding in findings_of([*rows, row(0.01, "time")], 1))
     assert not all(
-        finding.is_met for finding in findings_of([*rows, row(0.01, 1), row(0.01, 1)], 1)
-    )
-    assert not all(
-        finding.is_met for finding in findings_of([*rows, *[row(0.01, stated=0.001)] * 2], 1)
+        finding.is_met for finding in findings_of([*rows, *[row(0.01, stated=0.001)] * 3], 1)
     )
     assert not is_judged(row(0.5))
 

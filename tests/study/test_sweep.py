@@ -135,16 +135,17 @@ def test_each_question_of_the_command_has_its_own_folder(scene, monkeypatch, cap
     assert name_question(converge.__wrapped__, own) == ",levels=5,set=a=1,set=b=2,grade=True"
 
 
-def test_a_study_shows_the_warnings_of_the_set_up(scene, tmp_path, capsys):
+def test_a_study_shows_what_is_to_be_checked_in_the_set_up(scene, tmp_path, capsys):
     scene.write_text(
         SCENE.replace("= 1.0", "= 40.0").replace("0.25", "10.0").replace("0.125", "5.0")
     )
     found = fc.study.sweep(scene, "cloth.h=5.0", "sag")
-    assert any("40" in words for words in found.warnings)
-    assert f"warning: {found.warnings[0]}" in capsys.readouterr().err
-    assert f"warning: {found.warnings[0]}" in found.summary()
-    page = found.report(tmp_path / "report").read_text()
-    assert "warning: " in page
+    line = next(doubt.line for doubt in found.doubts if "40 m long" in doubt.words)
+    assert line.startswith("check: ")
+    assert line in capsys.readouterr().err
+    assert line in found.summary()
+    assert "check: " in found.report(tmp_path / "report").read_text()
+    assert found.warnings == ()
 
 
 def test_a_setting_that_the_function_does_not_take_is_refused_at_once():

@@ -93,7 +93,7 @@ def test_info_of_a_scene_counts_its_bending(scene):
     lines = "\n".join(plan(problem, "direct"))
     assert "terms: Rubber, Ribs, Syrup, Breeze, Gravity" in lines
     assert "ρ g L³/B" in lines or "bending stiffness" in lines
-    assert "no membrane" not in " ".join(problem.warnings())
+    assert "no membrane" not in " ".join(map(str, problem.doubts()))
 
 
 # --- chart, simplify and tune ---------------------------------------------------------------------

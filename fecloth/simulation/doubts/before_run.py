@@ -18,6 +18,7 @@ OF_EQUILIBRIA: tuple[Check, ...] = (
     terms.find_springs_of_another_fabric,
     terms.find_ignored_poisson_ratio,
     terms.find_lowered_coupling,
+    terms.find_unused_bending,
     terms.find_bending_unknown_to_hinges,
     terms.find_friction_without_plate,
     terms.find_uneven_edges,
@@ -40,7 +41,6 @@ OF_SCENES: tuple[Check, ...] = (
     course.find_slivers,
     course.find_large_weight,
     course.find_short_steps,
-    course.find_numerical_damping,
 )
 # What a scene says as a note: facts, or causes of which the end of a run says whether they
 # matter (see `Verdict`).
@@ -50,6 +50,7 @@ NOTES: tuple[Check, ...] = (
     course.find_flat_start,
     jumps.find_motion_jumps,
     course.find_fast_waves,
+    course.find_numerical_damping,
 )
 
 

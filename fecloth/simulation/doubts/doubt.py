@@ -8,18 +8,22 @@ from typing import Self
 from fecloth import validation
 from fecloth.terms.records import remembered
 
+WARNING = "warning"  # an answer of this run may be wrong
+CHECK = "check"  # the user may have made a mistake: said before the run, which does what was asked
+NOTE = "note"
+
 
 class DoubtKind(Enum):
-    """What a `Doubt` is about, and whether it spoils a run as evidence.
+    """What a `Doubt` is about, and how it is said.
 
-    The value of a member is its name in summary.json. A study counts a run with a doubt whose
-    kind `spoils` as failed. The kinds from UNITS to GAIN can be noticed before the first step;
-    all others, and DAMPING and GAIN too, in a run, at its end, or in an equilibrium.
+    The value of a member is its name in summary.json.
 
     Attributes
     ----------
-    spoils
-        Whether the motion of such a run is wrong, so that no number of it is evidence.
+    label
+        "warning", "check" or "note": the first word of its line. A warning is a doubt that
+        spoils an answer of this run. What is to be checked is said before the first step, on a
+        line of its own. Notes are in the log, and on the terminal with -v only.
     UNITS
         A number was probably meant in another unit.
     TERMS
@@ -37,17 +41,17 @@ class DoubtKind(Enum):
     WEIGHT
         The cloth is drawn out by its own weight.
     STEP
-        The size of the steps does not fit the run.
+        The size of the steps does not fit the run: a mistake in a unit.
     MISSED
         A motion or a load acts between the steps.
     JUMP
-        A pin or an obstacle jumps.
+        A pin or an obstacle jumps. At the end of a run: and the motion depends on it.
     DAMPING
-        The method will damp the motion, or has damped it.
+        The method has damped the motion; before the first step: it will.
     GAIN
-        The method can make energy, or has made it.
+        The method has made energy; before the first step: it can.
     MOTION
-        The energy balance is off: the motion is wrong. It spoils the run.
+        The energy balance is off: the motion is wrong. A study counts such a run as failed.
     TIME
         The error in time is large.
     ROUND_OFF
@@ -70,38 +74,43 @@ class DoubtKind(Enum):
         Of an account of your own.
     """
 
-    UNITS = "units"
-    TERMS = "terms"
-    NO_EFFECT = "no_effect"
-    PINS = "pins"
-    START = "start"
-    MESH = "mesh"
-    EDGES = "edges"
-    WEIGHT = "weight"
-    STEP = "step"
-    MISSED = "missed"
-    JUMP = "jump"
-    DAMPING = "damping"
-    GAIN = "gain"
-    MOTION = "motion", True
-    TIME = "time"
-    ROUND_OFF = "round_off"
-    BOUNCE = "bounce"
-    CURVE = "curve"
-    INTERSECTION = "intersection"
-    WRINKLES = "wrinkles"
-    INSTABILITY = "instability"
-    BRANCH = "branch"
-    BALANCE = "balance"
-    OTHER = "other"
+    UNITS = "units", CHECK
+    TERMS = "terms", CHECK
+    NO_EFFECT = "no_effect", CHECK
+    PINS = "pins", CHECK
+    STEP = "step", CHECK
+    START = "start", NOTE
+    MESH = "mesh", NOTE
+    EDGES = "edges", NOTE
+    WEIGHT = "weight", NOTE
+    ROUND_OFF = "round_off", NOTE
+    WRINKLES = "wrinkles", NOTE
+    MISSED = "missed", WARNING
+    JUMP = "jump", WARNING
+    DAMPING = "damping", WARNING
+    GAIN = "gain", WARNING
+    MOTION = "motion", WARNING
+    TIME = "time", WARNING
+    BOUNCE = "bounce", WARNING
+    CURVE = "curve", WARNING
+    INTERSECTION = "intersection", WARNING
+    INSTABILITY = "instability", WARNING
+    BRANCH = "branch", WARNING
+    BALANCE = "balance", WARNING
+    OTHER = "other", WARNING
 
-    spoils: bool
+    label: str
 
-    def __new__(cls, value: str, spoils: bool = False) -> Self:
+    def __new__(cls, value: str, label: str = NOTE) -> Self:
         member = object.__new__(cls)
         member._value_ = value
-        member.spoils = spoils
+        member.label = label
         return member
+
+    @property
+    def spoils(self) -> bool:
+        """Whether it spoils an answer of the run."""
+        return self.label == WARNING
 
 
 @remembered
@@ -141,6 +150,11 @@ class Doubt:
         joint = ". " if self.remedy[0].isupper() else "; "
         return f"{self.words}{joint}{self.remedy}"
 
+    @property
+    def line(self) -> str:
+        """The doubt as a line of a log or a terminal, which begins with its label."""
+        return f"{self.kind.label}: {self}"
+
     def entry(self) -> dict[str, str]:
         """Return the doubt as summary.json has it: kind, words and remedy."""
         return {"kind": self.kind.value, "words": self.words, "remedy": self.remedy}
@@ -151,6 +165,6 @@ class Doubt:
         return cls(DoubtKind(entry["kind"]), entry["words"], entry["remedy"])
 
 
-def in_words(doubts: Iterable[Doubt]) -> tuple[str, ...]:
-    """Return the sentence of each doubt, with its remedy."""
-    return tuple(map(str, doubts))
+def warnings_of(doubts: Iterable[Doubt]) -> tuple[str, ...]:
+    """Return the sentence of each doubt that spoils an answer, with its remedy."""
+    return tuple(str(doubt) for doubt in doubts if doubt.kind.spoils)

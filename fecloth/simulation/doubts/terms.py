@@ -169,6 +169,32 @@ def find_lowered_coupling(run: PlannedRun) -> Iterator[Doubt]:
             yield Doubt(DoubtKind.NO_EFFECT, words)
 
 
+def find_unused_bending(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt constants of bending that no term uses.
+
+    There is no doubt about a fabric with a source, where all constants were measured together,
+    nor with a term of the user, which may read any of them.
+    """
+    used = run.system.terms
+    if not all(type(term).__module__.startswith("fecloth.") for term in used):
+        return
+    slides = any(isinstance(term, terms.BendingFriction) for term in used)
+    bends = slides or any("bending" in (traits_of(t).kind, traits_of(t).damps) for t in used)
+    for fabric in dict.fromkeys(run.system.panel.fabrics):
+        given = {
+            "bending_rigidity": fabric.bending_rigidity is not None and not bends,
+            "bending_poisson_ratio": fabric.bending_poisson_ratio != 0.0 and not bends,
+            "bias_rigidity": fabric.bias_rigidity is not None and not bends,
+            "bending_hysteresis": any(fabric.hysteresis or ()) and not slides,
+        }
+        unused = [name for name, is_unused in given.items() if is_unused]
+        if unused and not fabric.source:
+            have = "has" if len(unused) == 1 else "have"
+            words = f"{' and '.join(unused)} of the fabric {have} no effect: no term uses it"
+            term = "PlateBending" if not bends else "BendingFriction"
+            yield Doubt(DoubtKind.NO_EFFECT, words, f"add {term}, or leave it out")
+
+
 def find_bending_unknown_to_hinges(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt the terms if the fabric states a plate's constant that hinges do not have."""
     names = [type(term).__name__ for term in run.system.terms if traits_of(term).by_pattern]

@@ -1,7 +1,7 @@
 """Set-ups drawn by a seed: terms × methods × steps × frames × loads that switch × wind × pins.
 
 `draw` makes a `Drawn` set-up from a seed and a number; `Drawn.build` makes the arguments of
-`fc.run` from it, with the step divided by `refine`, or the edges of the mesh halved.
+`fc.run` from it, with the step divided by `refine`.
 """
 
 from __future__ import annotations
@@ -48,21 +48,19 @@ class Drawn:
     dt: float  # of explicit methods over the stable one
     steps: int
 
-    def build(self, refine: int = 1, halved: bool = False) -> Run:
-        """Return the run with the step divided by `refine`, on a mesh with edges of h or h/2."""
-        cloth = self._cloth(self.h / 2 if halved else self.h)
-        system = fc.System(cloth, self.fabric, self.terms, self.pins)
+    def build(self, refine: int = 1) -> Run:
+        """Return the run with the step divided by `refine`."""
+        system = fc.System(self._cloth(), self.fabric, self.terms, self.pins)
         state, dt = self._start(system), self.dt
         if self.method in EXPLICIT:
-            coarse = fc.System(self._cloth(self.h), self.fabric, self.terms, self.pins)
-            dt *= fc.critical_dt(coarse, self._start(coarse), METHODS[self.method](1))
+            dt *= fc.critical_dt(system, state, METHODS[self.method](1))
         name = self.method
         if refine > 1 and name in FIRST_ORDER:
             name = "central_difference" if name in EXPLICIT else "bdf2"
         return Run(system, METHODS[name](refine), state, dt / refine, self.steps * dt)
 
-    def _cloth(self, h: float) -> fc.Cloth:
-        sheet = fc.Cloth.rectangle(*self.size, h=h, pattern=self.pattern, element=self.element)
+    def _cloth(self) -> fc.Cloth:
+        sheet = fc.Cloth.rectangle(*self.size, h=self.h, pattern=self.pattern, element=self.element)
         names = [f"piece{number}" for number in range(self.pieces)]
         return sheet if self.pieces == 1 else fc.Cloth.join([sheet] * self.pieces, names)
 

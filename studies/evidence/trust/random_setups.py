@@ -3,12 +3,13 @@
 A set-up of `drawn.py` runs once, and again with halved steps until two successive refinements
 agree within 2 %; runs that never agree do not count. The error in time is the rms error of x
 weighted by mass, the largest over the frames, over the largest rms displacement: what the run
-states. A run is good below 2 % and wrong above 10 %. Where a run warns of wrinkles as fine as the
-mesh, it runs with halved edges too; the warning is right if that moves the cloth by more than 10 %.
-Thresholds were chosen on seeds 1 and 2, and none has seen seed 5.
+states. A run is good below 2 % and wrong above 10 %. Of good runs at most 1 in 20 may have a
+warning, and no wrong run may be without one. A cloth that passes through itself is right to warn,
+though a refined rerun does so, too. Thresholds were chosen on seeds 1, 2 and 5; none has seen
+seed 7.
 
     python -m studies.evidence.trust.random_setups
-        [--quick] [--seed 5] [--count 200] [--jobs N] [--out DIR]
+        [--quick] [--seed 7] [--count 200] [--jobs N] [--out DIR]
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 import fecloth as fc
 from fecloth import study
@@ -31,7 +31,7 @@ from studies.evidence.trust.drawn import Drawn, draw
 from studies.evidence.trust.setups import Run
 
 GOOD, WRONG = 0.02, 0.1
-FALSE_ALARMS = 0.1  # of the good runs
+FALSE_ALARMS = 0.05  # of the good runs
 STATED = 0.9  # of the stated errors are within FACTOR of the true ones
 FACTOR = 3.0
 NUMBERS = 0.8  # of the set-ups whose errors are compared state one
@@ -50,19 +50,20 @@ def judge_drawn(seed: int, number: int, most: int) -> dict:
     row = {"setup": drawn.words, "method": drawn.method, "dt": run.dt, "steps": drawn.steps}
     if result is None:
         return row | {"counts": False, "failed": True}
-    doubts = list(dict.fromkeys([*doubts_of_scene(run), *result.doubts]))
-    words = "; ".join(map(str, doubts))
-    row |= {"failed": False, "warnings": words, "warned": len(doubts)}
+    doubts = [*doubts_of_scene(run), *result.doubts]
+    spoiling = list(dict.fromkeys(doubt for doubt in doubts if doubt.kind.spoils))
+    row |= {
+        "failed": False,
+        "warnings": "; ".join(map(str, spoiling)),
+        "kinds": ", ".join(doubt.kind.value for doubt in spoiling),
+    }
     reference, apart = refined(drawn, times, most)
     row |= {"apart": apart, "stated": result.time_error, "counts": False}
     if not apart < AGREE:
         return row
     error, moved = errors_of(run, x, reference)
     counts = moved > STILL * run.system.cloth.extent
-    row |= {"counts": counts, "error": error / moved, "moved": moved}
-    wrinkled = [doubt for doubt in doubts if doubt.kind is fc.DoubtKind.WRINKLES]
-    in_space = error_on_halved_mesh(drawn, run, x, times) if wrinkled else math.nan
-    return row | {"in_space": in_space, "only_space": len(doubts) == len(wrinkled) > 0}
+    return row | {"counts": counts, "error": error / moved, "moved": moved}
 
 
 def doubts_of_scene(run: Run) -> list[fc.Doubt]:
@@ -93,24 +94,6 @@ def errors_of(run: Run, x: np.ndarray, reference: np.ndarray) -> tuple[float, fl
     return error, max(rms(mass, b - run.state.x) for b in reference)
 
 
-def error_on_halved_mesh(drawn: Drawn, run: Run, x: np.ndarray, times: np.ndarray) -> float:
-    """Return how far the run with halved edges is, over the largest displacement."""
-    explicit = run.method.traits.explicit
-    fine = drawn.build(4 if explicit else 1, halved=True)
-    _, y = march_through(fine, times)
-    if len(y) != len(x):
-        return math.inf
-    error, moved = errors_of(run, x, np.array([_between(fine, run, places) for places in y]))
-    return error / moved
-
-
-def _between(fine: Run, run: Run, y: np.ndarray) -> np.ndarray:
-    """Return positions (n, 3) of the nodes of `run` from the positions of the finer mesh."""
-    X, at = fine.system.cloth.X, run.system.cloth.X
-    inside, nearest = LinearNDInterpolator(X, y)(at), NearestNDInterpolator(X, y)(at)
-    return np.where(np.isnan(inside), nearest, inside)
-
-
 def verdict(row: dict) -> str:
     """Return in words what a run was."""
     if row["status"] != "ok":
@@ -119,10 +102,10 @@ def verdict(row: dict) -> str:
         return "failed"
     if not row["counts"]:
         return "does not count"
-    if row["error"] < GOOD and row["only_space"] and row["in_space"] > WRONG:
-        return "good in time, wrong in space, warned"
+    if row["error"] < GOOD and row["kinds"] == "intersection":
+        return "good in time, passes through itself"
     kind = "good" if row["error"] < GOOD else "wrong" if row["error"] > WRONG else "between"
-    return f"{kind}, {'warned' if row['warned'] else 'silent'}"
+    return f"{kind}, {'warned' if row['kinds'] else 'silent'}"
 
 
 def is_judged(row: dict) -> bool:
@@ -157,7 +140,7 @@ def findings_of(rows: list[dict], enough: int, stated: float = STATED) -> list[h
 
 def main(argv: list[str] | None = None) -> int:
     """Run the set-ups, write their table and the report, and return the exit status."""
-    more = {"seed": {"type": int, "default": 5}, "count": {"type": int, "default": 200}}
+    more = {"seed": {"type": int, "default": 7}, "count": {"type": int, "default": 200}}
     options = harness.parse_arguments(__doc__ or "", argv, **more)
     seed, numbers = QUICK if options.quick else (options.seed, range(options.count))
     most = QUICK_MOST if options.quick else MOST

@@ -34,7 +34,8 @@ def limit():
 
 
 def fabric(density=0.2, stiffness=500.0, **more):
-    return warnings_before(bound(fabric=fc.Fabric(density, stiffness, **more)), DT)
+    given = fc.Fabric(density, stiffness, source="measured", **more)  # all, also what is not used
+    return warnings_before(bound(fabric=given), DT)
 
 
 def size(length):

@@ -5,9 +5,11 @@ import warnings
 
 import numpy as np
 import pytest
+from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.simulation.account import Account, Accounts
+from fecloth.simulation.doubts.terms import find_unused_bending
 from fecloth.study import measured_runs
 from fecloth.study.measured_runs import measure
 from fecloth.study.stability_runs import judge
@@ -93,7 +95,7 @@ def verdicts(monkeypatch, folder) -> list:
     for kind in (fc.DoubtKind.MOTION, fc.DoubtKind.WRINKLES, fc.DoubtKind.UNITS):
         monkeypatch.setattr(measured_runs, "measure", raised_with(kind))
         study = fc.study.converge(hidden, "tip.x", h=0.25, levels=3, probes=TIP)
-        seen.append((study.converges, study.table["status"] if kind.spoils else None))
+        seen.append((study.converges, study.table["status"] if not study.converges else None))
     for kind in (fc.DoubtKind.INTERSECTION, fc.DoubtKind.TIME):
         row = {"doubts": [fc.Doubt(kind, "words").entry()], "made": 0.0, "status": "ok"}
         seen.append(judge(row)["status"] == "wrong")
@@ -133,8 +135,9 @@ def test_the_summary_has_kind_words_and_remedy(tmp_path):
         "words": "areal_density = 150 kg/m²: cloth has 0.01 to 1",
         "remedy": "If you meant g/m², write 0.15",
     }
-    assert summary["warnings"] == list(outcome.warnings)
-    assert summary["warnings"][0] == f"{first['words']}. {first['remedy']}"
+    assert "check: areal_density = 150" in (tmp_path / "out" / "run.log").read_text()
+    spoiling = [doubt for doubt in outcome.doubts if doubt.kind.spoils]
+    assert summary["warnings"] == list(outcome.warnings) == list(map(str, spoiling))
     assert [fc.Doubt.of_entry(entry) for entry in summary["doubts"]] == list(outcome.doubts)
 
 
@@ -146,8 +149,70 @@ def test_the_sentence_of_a_doubt_ends_with_its_remedy(remedy, sentence):
     assert str(fc.Doubt(fc.DoubtKind.MESH, "words", remedy)) == sentence
 
 
-def test_only_a_wrong_motion_spoils_a_run():
-    assert [kind for kind in fc.DoubtKind if kind.spoils] == [fc.DoubtKind.MOTION]
+def test_a_kind_spoils_an_answer_or_asks_for_a_check_or_is_a_note():
+    kinds = {label: set() for label in ("warning", "check", "note")}
+    for kind in fc.DoubtKind:
+        kinds[kind.label].add(kind.value)
+        assert kind.spoils == (kind.label == "warning")
+    assert kinds["check"] == {"units", "terms", "no_effect", "pins", "step"}
+    assert kinds["note"] == {"start", "mesh", "edges", "weight", "round_off", "wrinkles"}
+
+
+def test_notes_and_mistakes_are_no_warnings_of_a_result():
+    """A sheet of a heavy fabric, without bending, that folds as finely as its mesh."""
+    cloth = fc.Cloth.rectangle(0.6, 0.6, h=0.1, pattern="cross")
+    fabric = fc.Fabric(0.2, 500.0, 0.2, bending_rigidity=1e-5)
+    system = fc.System(cloth, fabric, [fc.StVK()], pins=["boundary"])
+    start = system.state(0.98 * system.rest().x)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = fc.run(system, fc.BackwardEuler(), start, 1e-3, 2e-3)
+    assert [doubt.kind.value for doubt in result.doubts] == ["no_effect"]
+    assert result.warnings == ()
+    assert [str(w.message) for w in caught] == [str(result.doubts[0])]
+    assert "warning" not in repr(result)
+
+
+@pytest.mark.parametrize(
+    ("given", "terms", "unused"),
+    [
+        ({}, [], ""),
+        ({"bending_rigidity": 1e-5}, [], "bending_rigidity"),
+        ({"bending_rigidity": 1e-5}, [fc.HingeBending()], ""),
+        ({"bending_rigidity": 1e-5}, [fc.BendingDamping(0.01, law=fc.HingeBending())], ""),
+        (
+            {"bending_rigidity": 1e-5, "bending_poisson_ratio": 0.2, "bias_rigidity": 1e-5},
+            [],
+            "bending_rigidity and bending_poisson_ratio and bias_rigidity",
+        ),
+        ({"bending_rigidity": 1e-5, "bending_hysteresis": 0.0}, [fc.PlateBending()], ""),
+        (
+            {"bending_rigidity": 1e-5, "bending_hysteresis": 1e-4},
+            [fc.PlateBending()],
+            "bending_hysteresis",
+        ),
+        (
+            {"bending_rigidity": 1e-5, "bending_hysteresis": 1e-4},
+            [fc.PlateBending(), fc.BendingFriction(20.0)],
+            "",
+        ),
+        ({"bending_rigidity": 1e-5, "source": "KES-F"}, [], ""),
+    ],
+)
+def test_constants_of_bending_that_no_term_uses_are_one_line(given, terms, unused):
+    cloth = fc.Cloth.rectangle(0.4, 0.2, h=0.1, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, **given), [fc.StVK(), *terms], ["left"])
+    doubts = warnings_before(system, 0.01, doubts=[find_unused_bending])
+    assert [words.partition(" of the fabric")[0] for words in doubts] == [unused] * bool(unused)
+
+
+def test_a_term_of_a_user_may_use_any_constant():
+    class Own(fc.StVK):
+        pass
+
+    cloth = fc.Cloth.rectangle(0.4, 0.2, h=0.1, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, bending_rigidity=1e-5), [Own()], ["left"])
+    assert warnings_before(system, 0.01, doubts=[find_unused_bending]) == []
 
 
 def test_values_of_kinds_are_their_names_in_lower_case():
