@@ -221,9 +221,7 @@ def _make_start(scene: Any, cloth: Cloth, errors_of_key: ErrorsOfKey) -> State:
         return make_state(len(cloth.X), x, v, scene.schedule.t_start)
 
 
-def _disturb_start(
-    scene: Any, system: System, state: State, errors_of_key: ErrorsOfKey
-) -> State:
+def _disturb_start(scene: Any, system: System, state: State, errors_of_key: ErrorsOfKey) -> State:
     """Return the state at the start, lifted by waves and bent by a mode, as [start] asks for.
 
     Raise `SceneError` for a cloth on several processes, for a mode that does not exist, and

@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 from fecloth.nonlinear.eigenpairs import least_stiffness
 from fecloth.nonlinear.increments import describe_path, resist_disturbances
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
+from fecloth.simulation.load_steps import LoadCourse
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -77,7 +79,8 @@ class RestStability(Account):
         return cls(least, zero, is_reached=True, path=describe_path(system, load_steps))
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "RestStability":
-        return self.changed(jumps=info.memory.method_memory.course.jumps)
+        memory = cast(LoadCourse, info.memory.method_memory)
+        return self.changed(jumps=memory.course.jumps)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "RestStability":
         if end.is_whole:

@@ -18,9 +18,7 @@ LEAST_SINGULAR_VALUE = 1e-6
 LONGEST_CARRIED = 4.0
 
 
-def carry(
-    system: System, x: np.ndarray, target: np.ndarray, stretches: bool = True
-) -> np.ndarray:
+def carry(system: System, x: np.ndarray, target: np.ndarray, stretches: bool = True) -> np.ndarray:
     """Positions (n, 3) [m] with held nodes at the `target` (n, 3), and the others carried along.
 
     In each piece the others follow the rigid motion that fits the held nodes best, so pins that
