@@ -70,8 +70,8 @@ class Equation(Protocol):
         `scale` is the sum at the iterate before; 0.0 at the first one.
         """
 
-    def round_off(self, y: np.ndarray) -> float:
-        """How much R changes if the last digits of positions and velocities change."""
+    def round_off(self, y: np.ndarray) -> np.ndarray:
+        """How R (n, 3) changes if the last digits of positions and velocities change."""
 
     def assemble(self, y: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
         """J = ∂R/∂y with a remedy, projected onto the free directions."""

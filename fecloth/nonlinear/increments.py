@@ -129,7 +129,7 @@ class Solved(NamedTuple):
         `tolerance` is the option of Newton's iteration: with "auto" it ended by the error.
         """
         residual = self.counts.residual
-        if not residual:
+        if not residual and math.isnan(self.error):
             return "no force exceeds its round-off"
         residual_is = f"its residual, {residual:.1e} of the forces, is"
         if tolerance != "auto":
@@ -254,6 +254,9 @@ class Course:
     jumps: tuple[float, ...] = ()
 
 
+NO_COURSE = Course()  # before the first increment
+
+
 class Increase(NamedTuple):
     """What `increase_loads` found.
 
@@ -284,7 +287,7 @@ def increase_loads(
     context: SolverContext,
     largest: float,
     loads: tuple[float, float] = (0.0, 1.0),
-    course: Course = Course(),
+    course: Course = NO_COURSE,
     history: History | None = None,
     report: Report = lambda iteration: None,
     at: float | None = None,
@@ -464,7 +467,8 @@ def solve_increment(
 ) -> tuple[Solved, System]:
     """Solve an increment, from where `rate`, ∂x/∂(factor on the loads) [m], leads.
 
-    None: from where the pins carry and stretch the cloth. Also return the system over the increment. Raises `EquilibriumFailed`.
+    None: from where the pins carry and stretch the cloth. Also return the system over the
+    increment. Raises `EquilibriumFailed`.
     """
     equation = increment.equation()
     x = _first_guess(increment, equation, rate)

@@ -82,9 +82,13 @@ def _counts_if_ended(steps: Steps, progress: Progress, least: int) -> Counts | N
     if steps.error_left.is_small or point.norm == 0:
         return _make_counts(steps, progress)
     if _may_be_round_off(steps, progress, least):
-        floor = ROUND_OFF_FACTOR * steps.equation.round_off(point.y)
-        if point.norm <= floor:
-            return _make_counts(steps, progress, floor)
+        round_off = ROUND_OFF_FACTOR * steps.equation.round_off(point.y)
+        norm = steps.system.sums.norm
+        # At the start along each axis: the round-off in the plane of a flat cloth may be more
+        # than a load across it, which moves the cloth far.
+        parts = [1.0] if progress.number else np.eye(3)
+        if all(norm(point.R * part) <= norm(round_off * part) for part in parts):
+            return _make_counts(steps, progress, norm(round_off))
     return None
 
 

@@ -161,10 +161,10 @@ class StageEquation:
         norm = self.system.sums.norm
         return max(norm(f), norm(self.system.scalar_mass @ a))
 
-    def round_off(self, q: np.ndarray) -> float:
-        """The round-off of the forces; the inertia, linear in q, has little."""
+    def round_off(self, q: np.ndarray) -> np.ndarray:
+        """The round-off of the forces (n, 3) [N]; the inertia, linear in q, has little."""
         change = measure_round_off(self.system.force, self.state(q))
-        return self.system.sums.norm(self.system.constraints.project(change))
+        return self.system.constraints.project(change)
 
     def assemble(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
         """J = (1 + σ) wa M + wv D + wx K; K and D as they are, or definite."""

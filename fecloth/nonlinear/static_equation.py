@@ -130,10 +130,9 @@ class StaticEquation:
         f, scale = self.forces(self.at(x))
         return -f, scale
 
-    def round_off(self, x: np.ndarray) -> float:
-        """The round-off of the forces."""
-        change = equation.measure_round_off(lambda state: self.forces(state)[0], self.at(x))
-        return self.system.sums.norm(change)
+    def round_off(self, x: np.ndarray) -> np.ndarray:
+        """The round-off of the forces (n, 3) [N]."""
+        return equation.measure_round_off(lambda state: self.forces(state)[0], self.at(x))
 
     def assemble(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
         """J = K + σ M."""

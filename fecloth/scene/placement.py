@@ -56,12 +56,12 @@ class Start(Table):
     """A translation after the turn [m]."""
     velocity: tuple[OfPlace, OfPlace, OfPlace] | None = None
     """Three formulas of X and Y [m/s]. `rotate` does not turn the velocity."""
-    disturb: Annotated[float | None, LENGTH] = Field(None, gt=0)
+    disturb: Annotated[float | None, LENGTH] = Field(default=None, gt=0)
     """Height [m] of smooth waves that lift the free nodes out of the plane, the same each time."""
-    mode: int | None = Field(None, ge=1)
+    mode: int | None = Field(default=None, ge=1)
     """Number of a mode by which the start is bent: about the equilibrium without it, or in a
     scene with [time] about the start."""
-    amplitude: Annotated[float | None, LENGTH] = Field(None, gt=0)
+    amplitude: Annotated[float | None, LENGTH] = Field(default=None, gt=0)
     """The largest way of a node in this mode [m]."""
 
     @model_validator(mode="after")

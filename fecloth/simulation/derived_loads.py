@@ -9,7 +9,7 @@ from fecloth.integrators.derivatives import DerivedStep
 from fecloth.integrators.step import UNCOUNTED, Step
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.increment_derivatives import StaticTangent, derive_increment
-from fecloth.nonlinear.increments import Course, LoadIncrement, SolvedIncrement
+from fecloth.nonlinear.increments import NO_COURSE, Course, LoadIncrement, SolvedIncrement
 from fecloth.simulation.equilibrium import Equilibrium, equilibrium
 from fecloth.simulation.load_steps import TERMS_TIME, LoadCourse, close_loads, force_at
 from fecloth.system.state import State
@@ -103,7 +103,7 @@ class DerivedLoads:
         if memory is None:
             first = force_at(system, along.shift(self.old, size), history)
         else:
-            without_course = LoadCourse(Course(), memory.force)
+            without_course = LoadCourse(NO_COURSE, memory.force)
             first = shift(without_course, along.memory, size).force
         new = State(self.step.state.t, at.x, at.v)
         return close_loads(over, new, first, Course(np.zeros_like(at.x)))

@@ -128,11 +128,11 @@ def equilibrium(
         evaluated, so that a specimen is drawn from t = 0 to 1, with n = 1 at once. Where that
         fails, or leads to another branch of equilibria, the increment of λ is halved, down to
         1/64 of the first; after a solution in at most 8 iterations it doubles again, up to 1/n.
-        A jump to another branch that halving does not avoid is among the `doubts`. With friction the result depends on this
-        path, and `reason` says so: in each increment friction acts against the way along the
-        surface since the solution before. Load steps serve loads that turn the cloth far, and
-        give the states between. With `BendingFriction` there are at least 20 steps; for None
-        the time stays as in `state`.
+        A jump to another branch that halving does not avoid is among the `doubts`. With
+        friction the result depends on this path, and `reason` says so: in each increment
+        friction acts against the way along the surface since the solution before. Load steps
+        serve loads that turn the cloth far, and give the states between. With
+        `BendingFriction` there are at least 20 steps; for None the time stays as in `state`.
     friction
         Of `BendingFriction`. "laid": as the loads grow. "shaken": then its moments sink to
         zero in ten more steps, and the elastic equilibrium is left, beside which a cloth rests

@@ -16,7 +16,7 @@ from fecloth.integrators.numerical_dissipation import load_forces
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import UNCOUNTED, Solution, Step
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.increments import Course, increase_loads, shake, static_context
+from fecloth.nonlinear.increments import NO_COURSE, Course, increase_loads, shake, static_context
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed
 from fecloth.nonlinear.statistics import Counts
@@ -125,7 +125,7 @@ class LoadSteps(ChosenSteps):
         still = np.zeros_like(state.x)
         start = State(TERMS_TIME, state.x, still)
         load = state.t + horizon
-        before = memory or LoadCourse(Course(), force_at(system, state, history))
+        before = memory or LoadCourse(NO_COURSE, force_at(system, state, history))
         try:
             increase = increase_loads(
                 system, start, solver, horizon, (state.t, load), before.course, history
@@ -177,7 +177,7 @@ def close_loads(
     over: System,
     new: State,
     first: np.ndarray,
-    course: Course = Course(),
+    course: Course = NO_COURSE,
     counts: Counts = UNCOUNTED,
     error: float = math.nan,
 ) -> Step:

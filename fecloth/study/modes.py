@@ -231,7 +231,7 @@ def _unbalanced(system: System, state: State) -> float:
     equation = StaticEquation(system, state)
     f, scale = equation.forces(equation.at(state.x))
     size = system.sums.norm(f)
-    if size > ROUND_OFF_FACTOR * equation.round_off(state.x):
+    if size > ROUND_OFF_FACTOR * system.sums.norm(equation.round_off(state.x)):
         return size / scale
     return 0.0
 
