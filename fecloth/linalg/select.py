@@ -224,7 +224,7 @@ class AutoSolver:
         A, _, _ = check_arguments(self._A, b, rtol)
         others = [mode for mode in self._others if mode != self._mode]
         limit = PATIENCE * min(map(self._cost, others), default=math.inf)
-        if isinstance(self._solver, PCG):
+        if isinstance(self._solver, PCG) and others:
             price = self._solve_work(self._mode, 1) - self._solve_work(self._mode, 0)
             self._solver.max_iterations = max(10, int(limit / price))
         wear = self._wear

@@ -14,7 +14,7 @@ from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
-from fecloth.simulation.stability_limited import StabilityLimited
+from fecloth.simulation.stability_limited import LimitMemory, StabilityLimited
 from fecloth.simulation.step_times import SAME_TIME, ChosenSteps, fit_step
 from fecloth.simulation.within_step import acceleration, deviation_within_step
 from fecloth.system.state import State
@@ -56,6 +56,17 @@ class Control:
     a: np.ndarray
     t: float
     method_memory: object = None
+
+    @property
+    def stable_dt(self) -> float:
+        """The stable step [s] of an explicit method; infinite for others and at the start."""
+        limited = self.method_memory
+        return limited.dt if isinstance(limited, LimitMemory) else math.inf
+
+    @property
+    def is_at_limit(self) -> bool:
+        """Whether the error allows stable steps of an explicit method."""
+        return self.dt >= (1 - SAME_TIME) * self.stable_dt
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +212,7 @@ class Adaptive(ChosenSteps):
         is short enough.
         """
         control = memory or self.start(system.with_history(history), state, horizon)
-        dt = fit_step(min(control.dt, self.longest or math.inf), horizon)
+        dt = fit_step(min(control.dt, control.stable_dt, self.longest or math.inf), horizon)
         tried = Counts()
         reason: str | NewtonFailed | SolveFailed = ""
         for rejected in range(MOST_ATTEMPTS):

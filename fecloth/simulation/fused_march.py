@@ -187,10 +187,9 @@ class Skipping:
 
         Only the error of the last one is estimated. It decides on the steps that follow.
         """
-        limited = control.method_memory
-        if not (isinstance(limited, LimitMemory) and control.dt > limited.dt):
+        if not control.is_at_limit:
             return None
-        skipped = self.skip(state, limited, number, wanted)
+        skipped = self.skip(state, control.method_memory, number, wanted)
         if skipped is None:
             return None
         assert isinstance(skipped.memory, LimitMemory)

@@ -30,6 +30,7 @@ from fecloth.system.system import System
 
 MOST_STEPS = 12  # of a trial: enough for a usual number of iterations
 SHARE = 0.1  # of the work of the rival's run; a trial that takes more has lost
+LUMPED_ONLY = "a consistent mass leaves no explicit method"
 STEPS_WITH_CONTACT = 1000  # of a run: its steps are not shortened further for their error
 
 
@@ -127,7 +128,8 @@ class Auto(ChosenSteps):
         """
         implicit, *rest = self.candidates(system, t_end - state.t)
         if not rest:
-            return implicit, "contact or a consistent mass leaves no other method"
+            has_contact = type(implicit.method) is BDF2
+            return implicit, "contact leaves BDF2" if has_contact else LUMPED_ONLY
         targets = self.end_times(state.t, t_end, stops)
         explicit = try_explicit(rest[0], system, state, targets)
         rival = try_implicit(implicit, system, state, targets, newton, SHARE * explicit.work)
@@ -152,15 +154,15 @@ def try_explicit(method: Adaptive, system: System, state: State, targets: np.nda
     except StepFailed:
         return Trial(method)
     control = last.memory.method_memory
-    stable = control.method_memory.dt
-    count = math.ceil((targets[-1] - state.t) / min(control.dt, stable))
+    dt = min(control.dt, control.stable_dt)
+    count = math.ceil((targets[-1] - state.t) / dt)
     prices = StepPrices.of(system.pattern)
     rows = count
-    is_fused = control.dt > stable and system.start_history(state) is None
-    if is_fused and FusedSteps.bind(system):
+    keeps_history = system.start_history(state) is not None
+    if control.is_at_limit and not keeps_history and FusedSteps.bind(system):
         rows = min(count, max(ROWS, len(targets)))
     work = rows * prices.row + (count - rows) * prices.fused
-    return Trial(method, min(control.dt, stable), work)
+    return Trial(method, dt, work)
 
 
 def try_implicit(
