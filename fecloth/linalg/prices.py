@@ -106,13 +106,16 @@ class StepPrices:
     fused
         Of an explicit step in a compiled loop.
     row
-        Of a step that ends in Python, with the row that records it.
+        Of an explicit step that ends in Python, with the row that records it.
+    implicit_row
+        Of the row of an implicit step, with the estimate of its error in time.
     iteration
         Of Newton's iteration, beside the operations that are in `Prices`.
     """
 
     fused: float
     row: float
+    implicit_row: float
     iteration: float
 
     @classmethod
@@ -124,6 +127,7 @@ class StepPrices:
         return cls(
             fused=price("fused"),
             row=price("row") + python["row"] / blocks,
+            implicit_row=price("implicit row") + python["implicit row"] / blocks,
             iteration=python["iteration"] / blocks,
         )
 

@@ -107,9 +107,7 @@ def test_a_trial_ends_where_it_takes_more_than_its_part_of_the_other_run(monkeyp
     method, _ = fc.Auto().candidates(system, 1.0)
     taken = []
     step = fc.GeneralizedAlpha.step
-    monkeypatch.setattr(
-        fc.GeneralizedAlpha, "step", lambda *given: taken.append(1) or step(*given)
-    )
+    monkeypatch.setattr(fc.GeneralizedAlpha, "step", lambda *given: taken.append(1) or step(*given))
     for most, least in ((0.0, 1), (math.inf, method_choice.MOST_STEPS)):
         taken.clear()
         trial = method_choice.try_implicit(method, system, state, np.array([1.0]), None, most)
