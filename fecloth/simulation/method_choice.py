@@ -29,7 +29,7 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 MOST_STEPS = 12  # of a trial: enough for a usual number of iterations
-SHARE = 0.05  # of the work of the rival's run; a trial that takes more has lost
+SHARE = 0.05  # of the work of the cheaper run predicted so far: a trial takes no more
 # Work of an implicit run over the prediction: a motion that begins at rest needs shorter steps
 # later. The mean of the runs of studies.evidence.benchmarks.auto_method.
 LATER = 1.8
@@ -135,7 +135,7 @@ class Auto(ChosenSteps):
             return implicit, "contact leaves BDF2" if has_contact else LUMPED_ONLY
         targets = self.end_times(state.t, t_end, stops)
         explicit = try_explicit(rest[0], system, state, targets)
-        rival = try_implicit(implicit, system, state, targets, newton, SHARE * explicit.work)
+        rival = try_implicit(implicit, system, state, targets, newton, explicit.work)
         best, other = sorted((explicit, rival), key=lambda trial: trial.work)
         words = f"{best.name} at dt = {best.dt:.2g} s"
         if math.isinf(other.work):
@@ -174,9 +174,9 @@ def try_implicit(
     state: State,
     targets: np.ndarray,
     newton: Newton | None,
-    most: float,
+    rival: float,
 ) -> Trial:
-    """Return the trial of an implicit method, which ends where its work is more than `most`.
+    """Return the trial of an implicit method, beside a `rival` whose run takes so much work.
 
     Its linear solver is "auto" without a factorisation, as not every machine has the same one;
     the run has one, at the price of a factor with PARDISO. Matrices without symmetry are clamped.
@@ -188,6 +188,7 @@ def try_implicit(
     solver = AutoSolver(system.pattern, direct=None)
     context = SolverContext(solver, BlockMatrix.zeros(system.pattern, system.team), options)
     prices = StepPrices.of(system.pattern)
+    duration = targets[-1] - state.t
     works: list[float] = []
     sizes: list[float] = []
     try:
@@ -198,14 +199,15 @@ def try_implicit(
             works.append(linear + newton_steps * prices.iteration + prices.implicit_row)
             sizes.append(info.dt)
             solver.work = 0.0
-            if sum(works) > most:
+            second_half = slice(len(works) // 2, None)
+            dt = float(np.mean(sizes[second_half]))
+            count = LATER * max(duration / dt, len(targets))
+            trial = Trial(method, dt, float(np.mean(works[second_half])) * count)
+            if sum(works) > SHARE * min(trial.work, rival):
                 break
     except StepFailed:
         return Trial(method)
-    second_half = slice(len(works) // 2, None)
-    dt = float(np.mean(sizes[second_half]))
-    count = max((targets[-1] - state.t) / dt, len(targets))
-    return Trial(method, dt, LATER * float(np.mean(works[second_half])) * count)
+    return trial
 
 
 def _first_steps(method: Adaptive, system: System, state: State, targets: np.ndarray, solver=None):

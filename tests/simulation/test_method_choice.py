@@ -108,11 +108,15 @@ def test_a_trial_ends_where_it_takes_more_than_its_part_of_the_other_run(monkeyp
     taken = []
     step = fc.GeneralizedAlpha.step
     monkeypatch.setattr(fc.GeneralizedAlpha, "step", lambda *given: taken.append(1) or step(*given))
-    for most, least in ((0.0, 1), (math.inf, method_choice.MOST_STEPS)):
+    for rival, share, least in (
+        (1.0, 0.05, 1),
+        (math.inf, math.inf, method_choice.MOST_STEPS),
+    ):
         taken.clear()
-        trial = method_choice.try_implicit(method, system, state, np.array([1.0]), None, most)
+        monkeypatch.setattr(method_choice, "SHARE", share)
+        trial = method_choice.try_implicit(method, system, state, np.array([1.0]), None, rival)
         assert least <= len(taken) <= least + 2  # with steps that were rejected
-        assert trial.work > most or math.isinf(most)
+        assert rival < trial.work or math.isinf(rival)
 
 
 def test_the_predicted_work_is_the_work_of_the_steps(monkeypatch):
