@@ -21,7 +21,7 @@ from fecloth.study.result import markdown_table
 from studies import harness
 from studies.evidence.benchmarks.measure import square
 
-MEAN, WORST = 1.25, 2.5  # limits of the ratio
+MEAN, WORST = 1.25, 1.5  # limits of the ratio
 HOPELESS = 4.0
 T_END = 0.2
 
