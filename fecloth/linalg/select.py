@@ -19,6 +19,7 @@ its price in `prices`. The seconds of the run do not matter, so that a run repea
 `studies.evidence.benchmarks.auto_solver` compares whole runs with those of the best solver.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -53,19 +54,23 @@ PATIENCE = 2.0
 class AutoSolver:
     """The solver "auto" for symmetric matrices: `PCG`, `Multigrid` or a direct solver.
 
-    `direct` makes the direct solver. The `name` is the name of the solver in use.
+    `direct` makes the direct solver; None: there is none. The `name` is the name of the solver
+    in use, and `work` what all solves have taken so far, in block products.
     """
 
     symmetric = True
     keeps_state = True
     _A: BlockMatrix | None
 
-    def __init__(self, pattern: BlockPattern, direct: Callable[[], Pardiso | SuperLU]):
+    def __init__(self, pattern: BlockPattern, direct: Callable[[], Pardiso | SuperLU] | None):
         """Begin with conjugate gradients, for matrices of about this pattern."""
         self.prepared = 0
+        self.work = 0.0
         self._prices = Prices.of(pattern)
         self._make: dict[str, Callable[[], PCG | Pardiso | SuperLU]]
-        self._make = {"pcg": PCG, "direct": direct, "multigrid": Multigrid}
+        self._make = {"pcg": PCG, "multigrid": Multigrid}
+        if direct:
+            self._make["direct"] = direct
         self.drop()
 
     def drop(self) -> None:
@@ -82,7 +87,7 @@ class AutoSolver:
         self._work = 0.0  # since the last solve
         self._solves = 0  # since these averages began
         # no estimate of conjugate gradients: they begin
-        self._average = {"pcg": 0.0} | {mode: self.estimate(mode) for mode in OTHERS}
+        self._average = {"pcg": 0.0} | {mode: self.estimate(mode) for mode in self._others}
         self._use("pcg")
 
     def _use(self, mode: str) -> None:
@@ -92,7 +97,7 @@ class AutoSolver:
         """
         if mode not in self._solvers:
             self._solvers[mode] = self._make[mode]()
-            if mode in OTHERS:  # only now it is known whether there is PARDISO
+            if mode != "pcg":  # only now it is known whether there is PARDISO
                 self._average[mode] = self.estimate(mode)
         self._mode = mode
         self._solver = self._solvers[mode]
@@ -189,6 +194,11 @@ class AutoSolver:
         self._prepare(A)
 
     @property
+    def _others(self) -> list[str]:
+        """The modes besides conjugate gradients, which begin."""
+        return [mode for mode in self._make if mode != "pcg"]
+
+    @property
     def _cheapest(self) -> str:
         """The mode whose solves cost the least."""
         return min(self._make, key=self._cost)
@@ -212,9 +222,9 @@ class AutoSolver:
         fails.
         """
         A, _, _ = check_arguments(self._A, b, rtol)
-        other = min((mode for mode in OTHERS if mode != self._mode), key=self._cost)
-        limit = PATIENCE * self._cost(other)
-        if isinstance(self._solver, PCG):
+        others = [mode for mode in self._others if mode != self._mode]
+        limit = PATIENCE * min(map(self._cost, others), default=math.inf)
+        if isinstance(self._solver, PCG) and others:
             price = self._solve_work(self._mode, 1) - self._solve_work(self._mode, 0)
             self._solver.max_iterations = max(10, int(limit / price))
         wear = self._wear
@@ -222,16 +232,17 @@ class AutoSolver:
             x, info = self._solver.solve(b, rtol, guess)
         except SolveFailed as failure:
             # no other solver helps where A is indefinite, or where a factor fails
-            if isinstance(failure, IndefiniteMatrix) or self._mode == "direct":
+            if isinstance(failure, IndefiniteMatrix) or self._mode == "direct" or not others:
                 raise
             self._average[self._mode] = limit
             self._solves += 1
-            self._use(other)
+            self._use(min(others, key=self._cost))
             self._prepare(A)
             return self.solve(b, rtol, guess)
         self._work += self._solve_work(self._mode, info.iterations)
         self._work += (self._wear - wear) * self._prices.coarse
         self._take_note_of(self._work)
+        self.work += self._work
         self._work = 0.0
         return x, info
 
@@ -250,9 +261,6 @@ class AutoSolver:
         weight = max(WEIGHT, 1 / (estimated + self._solves_in_use))
         self._average[self._mode] = old + weight * (work - old)
 
-
-OTHERS = ("direct", "multigrid")
-"""The modes besides conjugate gradients, which begin."""
 
 NAMES = ("direct", "pardiso", "superlu", "pcg", "multigrid")
 """The names that `create` knows."""

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.integrators.bdf2 import BDF2
 from fecloth.integrators.one_stage import StageMethod
 from fecloth.integrators.protocol import has_symmetric_matrix
 from fecloth.linalg import select
@@ -97,9 +96,7 @@ def find_method(problem: Setup) -> Any:
     steps = problem.steps or LoadSteps()
     if not isinstance(steps, Auto):
         return steps.method
-    if any(term.needs_end for term in problem.system.bound):
-        return BDF2()
-    return steps.candidates[0].method
+    return steps.candidates(problem.system, problem.t_end - problem.start.t)[0].method
 
 
 def make_system_over_step(problem: Setup, method: Any) -> System:

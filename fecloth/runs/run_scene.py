@@ -5,6 +5,7 @@ The page fecloth/runs/README.md lists its files.
 
 import os
 import platform
+import tomllib
 from collections.abc import Callable
 from contextlib import ExitStack
 from importlib.metadata import version
@@ -132,7 +133,8 @@ def _run_scene(
             else:
                 folder = RunFolder.create(path, overwrite)
                 clean_up.enter_context(remove_on_failure(path, is_new=not existed))
-            folder.text("scene.resolved.toml", scene.to_toml())
+            resolved = scene.resolved(problem.steps, solver.linear)
+            folder.text("scene.resolved.toml", resolved.to_toml())
             folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
             for line in (*plan(problem, why), *(doubt.line for doubt in doubts)):
                 folder.log(line)
@@ -163,7 +165,8 @@ def _with_earlier_method(problem: Problem, earlier: Restart | None) -> Problem:
     """Return the problem with the method that `Auto` chose when the run began."""
     if not earlier or not isinstance(problem.steps, Auto):
         return problem
-    for steps in problem.steps.candidates:
+    then = tomllib.loads(earlier.scene)["time"]["t_end"]  # now it may be later
+    for steps in problem.steps.candidates(problem.system, then - problem.start.t):
         if str(steps) == earlier.method:
             return problem.taking(steps)
     raise InputError(f"the run used {earlier.method}", "is none of Auto's methods")

@@ -9,11 +9,13 @@ as in ``dt = "5 ms"`` (see `units`). Each table is described where it is defined
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
 from fecloth.errors import InputError, SceneError
+from fecloth.linalg.direct import Pardiso, SuperLU
+from fecloth.linalg.protocol import LinearSolver
 from fecloth.mesh.child_process import TIME_LIMIT
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.options import Newton
@@ -254,6 +256,20 @@ class Scene(Table):
         Paths are absolute, so that the text can be in any folder.
         """
         return toml_text.to_toml(self.to_tables())
+
+    def resolved(self, steps: Any, linear: LinearSolver | None) -> Self:
+        """Return the scene with the method and the linear solver that its run has chosen.
+
+        `steps` are the steps of the run, and `linear` is its linear solver, None for an explicit
+        method. "auto" stays where it is a solver that changes during the run, by the work that it
+        counts. The scene repeats the run bit for bit.
+        """
+        changes: dict[str, Any] = {}
+        if self.time and self.time.method.type == "auto":
+            changes["time"] = self.time.taking(steps)
+        if isinstance(linear, Pardiso | SuperLU):
+            changes["solver"] = self.solver.model_copy(update={"linear": linear.name})
+        return self.model_copy(update=changes)
 
     def mesh(self) -> Cloth:
         """Return the cloth alone; raise `SceneError` if it cannot be meshed."""

@@ -1,7 +1,7 @@
 """The tables [time], [equilibrium] and [output] of a scene: its steps, and what it writes."""
 
 import math
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -11,14 +11,15 @@ from fecloth.integrators.protocol import StepChoice
 from fecloth.output.frame_reader import h5py
 from fecloth.quantities.units import RATE, SPEED, TIME
 from fecloth.scene.table_model import Table, one_of, require_exactly_one, table_of
+from fecloth.simulation.error_control import Adaptive
+from fecloth.simulation.fused_march import ROWS
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.record_steps import ROWS
 from fecloth.simulation.resolve import choose_steps
 from fecloth.simulation.step_times import EARLIER, coarse_clock
 
 MOST_STEPS = 10_000_000  # of a scene: more are taken for a mistake, such as dt in ms
-CHOSEN = ("rtol", "atol", "longest")  # parameters of `Adaptive` and `Auto`
+CHOSEN = ("rtol", "atol", "longest", "shortest")  # parameters of `Adaptive` and `Auto`
 _METHODS = METHODS | EXPLICIT
 
 
@@ -55,6 +56,8 @@ class Time(Table):
     """Error of the chosen steps [m/s]."""
     longest: Annotated[float | None, TIME] = Field(None, gt=0)
     """The longest chosen step [s]; see `Adaptive`."""
+    shortest: Annotated[float | None, TIME] = Field(None, ge=0)
+    """No step is made shorter for its error [s]; see `Adaptive`."""
 
     unit: ClassVar[str] = " s"
 
@@ -105,6 +108,15 @@ class Time(Table):
             remedy = "A bare number is in seconds."
             raise InputError(what, allowed, remedy=remedy)
         return self
+
+    def taking(self, steps: Adaptive) -> Self:
+        """Return the table with the steps that `Auto` has chosen."""
+        names = {cls: name for name, cls in _METHODS.items()}
+        name = names[type(steps.method)]
+        method = METHOD_TABLES[name](type=name)
+        return self.model_copy(
+            update={"method": method, **{key: getattr(steps, key) for key in CHOSEN}}
+        )
 
     def steps(self) -> StepChoice | Auto:
         """Return the method with the choice of its steps, as `march` takes it."""

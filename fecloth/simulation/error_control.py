@@ -14,8 +14,8 @@ from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
-from fecloth.simulation.stability_limited import StabilityLimited
-from fecloth.simulation.step_times import ChosenSteps, fit_step
+from fecloth.simulation.stability_limited import LimitMemory, StabilityLimited
+from fecloth.simulation.step_times import SAME_TIME, ChosenSteps, fit_step
 from fecloth.simulation.within_step import acceleration, deviation_within_step
 from fecloth.system.state import State
 from fecloth.system.system import History, System
@@ -56,6 +56,17 @@ class Control:
     a: np.ndarray
     t: float
     method_memory: object = None
+
+    @property
+    def stable_dt(self) -> float:
+        """The stable step [s] of an explicit method; infinite for others and at the start."""
+        limited = self.method_memory
+        return limited.dt if isinstance(limited, LimitMemory) else math.inf
+
+    @property
+    def is_at_limit(self) -> bool:
+        """Whether the error allows stable steps of an explicit method."""
+        return self.dt >= (1 - SAME_TIME) * self.stable_dt
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,15 +141,19 @@ class Adaptive(ChosenSteps):
         The same as a velocity [m/s], added.
     longest
         Longest step [s], for motions and loads shorter than the samples see; None for any.
+    shortest
+        No step is made shorter than this [s] for its error, as an impact takes less time than
+        any step. A step that cannot be solved may be shorter.
     """
 
     method: protocol.Integrator
     rtol: float = 1e-3
     atol: float = 0.0
     longest: Annotated[float | None, TIME] = None
+    shortest: Annotated[float, TIME] = 0.0
 
     def __post_init__(self):
-        for name in ("rtol", "atol"):
+        for name in ("rtol", "atol", "shortest"):
             value = getattr(self, name)
             if not (is_number(value) and value >= 0):
                 raise InputError(f"{name} = {value!r}", "must be a number >= 0", "Adaptive")
@@ -197,7 +212,7 @@ class Adaptive(ChosenSteps):
         is short enough.
         """
         control = memory or self.start(system.with_history(history), state, horizon)
-        dt = fit_step(min(control.dt, self.longest or math.inf), horizon)
+        dt = fit_step(min(control.dt, control.stable_dt, self.longest or math.inf), horizon)
         tried = Counts()
         reason: str | NewtonFailed | SolveFailed = ""
         for rejected in range(MOST_ATTEMPTS):
@@ -216,7 +231,10 @@ class Adaptive(ChosenSteps):
                         size=attempt.step.size or dt,
                     )
             reason = attempt.reason
-            dt = attempt.dt * self._shortening(attempt.error)
+            shorter = attempt.dt * self._shortening(attempt.error)
+            if attempt.error < math.inf:
+                shorter = min(attempt.dt, max(shorter, self.shortest))
+            dt = shorter
         raise NewtonFailed(
             f"no step is short enough: at {dt:.2g} s {reason}",
             getattr(reason, "residual", math.nan),
@@ -247,10 +265,17 @@ class Adaptive(ChosenSteps):
         dt = step.state.t - state.t
         if error < SMALL_ERROR:
             error = max(error, self.error_within_step(system, state, step))
-        if error <= 1:
-            after = Control(self._next_dt(dt, control, error), error, a, t, step.memory)
+        is_shortest = dt <= self.shortest * (1 + SAME_TIME)
+        if error <= 1 or (is_shortest and error < math.inf):
+            after = Control(self._next_dt(dt, control, error), min(error, 1.0), a, t, step.memory)
             return Attempt(dt, error, "", step, after)
         return Attempt(dt, error, f"the error is {error:.3g} times the allowed one", step)
+
+    def control_after(self, system: System, old: State, step: Step, control: Control) -> Control:
+        """Return the memory after a step from `old` that is taken, whatever its error is."""
+        a, t, error = self.error(system, old, step, control)
+        dt = step.state.t - old.t
+        return Control(self._next_dt(dt, control, error), min(error, 1.0), a, t, step.memory)
 
     def _shortening(self, error: float) -> float:
         """Return the next attempt over the attempt that failed with this error."""
@@ -272,15 +297,17 @@ class Adaptive(ChosenSteps):
         """Return the next step [s] by the errors e of this step and of the step before it.
 
         dt SAFETY e^(−0.7/p) e_before^(0.4/p), a proportional and integral control (Hairer and
-        Wanner 1996, Solving Ordinary Differential Equations II, IV.2).
+        Wanner 1996, Solving Ordinary Differential Equations II, IV.2). The step grows where it
+        is below `shortest`.
         """
         p = self.traits.order
         least = 1e-4  # so that one tiny error does not rule the next step
         before = max(control.error, least)
         factor = SAFETY * max(error, least) ** (-0.7 / p) * before ** (0.4 / p)
-        if 1 <= factor < LEAST_GROWTH:
+        if 1 <= factor < LEAST_GROWTH and dt >= self.shortest:
             return dt
-        return dt * min(LONGEST, max(SHORTEST, factor))
+        least = min(LONGEST, max(SHORTEST, self.shortest / dt))
+        return dt * min(LONGEST, max(least, factor))
 
     @property
     def _stepper(self):

@@ -12,6 +12,7 @@ from fecloth.integrators.explicit import CentralDifference, LastForce
 from fecloth.integrators.fused_steps import Flows, FusedSteps, Taken
 from fecloth.integrators.protocol import StepChoice
 from fecloth.integrators.step import Step
+from fecloth.simulation.error_control import Adaptive, Control
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.stability_limited import (
     STEPS_BETWEEN_CHECKS,
@@ -28,6 +29,7 @@ from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.records import remembered
 
 MOST = 2**14  # steps of a call: their times and the motion of pins are kept as arrays
+ROWS = 1000  # of a run whose steps can be fused, if it has as many steps
 CHECK_EVERY = 8  # explicit steps between two looks at the stretches
 # The same of fused steps of one size, whose values are all finite at the end.
 FUSED_CHECK_EVERY = 64
@@ -138,11 +140,14 @@ class Skipping:
         stops: Sequence[float],
     ):
         self.system = system
+        self.steps = steps
         self.most_stretch = most_stretch
         self.targets = targets
         self.kept = np.flatnonzero(np.isin(targets, [*stops, targets[-1]]))  # never skipped
         self.fused: FusedSteps | None = None
         has_loop = isinstance(steps, FixedStep | StabilityLimited)
+        if isinstance(steps, Adaptive):
+            has_loop = steps.longest is None
         self.is_open = has_loop and type(steps.method) is CentralDifference
 
     def skip(
@@ -159,6 +164,8 @@ class Skipping:
         place = int(np.searchsorted(self.targets, state.t, side="right"))
         if place == len(self.targets):
             return None
+        if isinstance(memory, Control):
+            return self._skip_below_tolerance(state, memory, number, wanted)
         if isinstance(memory, LimitMemory):
             chosen = state.t + memory.dt
         else:
@@ -176,6 +183,30 @@ class Skipping:
         except FloatingPointError:
             self.is_open = False  # single steps will tell where they fail
             return None
+
+    def _skip_below_tolerance(
+        self, state: State, control: Control, number: int, wanted: Wanted
+    ) -> Skipped | None:
+        """Take stable steps, as `skip` does, where `Adaptive` would allow longer ones.
+
+        Only the error of the last one is estimated. It decides on the steps that follow.
+        """
+        if not control.is_at_limit:
+            return None
+        skipped = self.skip(state, control.method_memory, number, wanted)
+        if skipped is None:
+            return None
+        assert isinstance(skipped.memory, LimitMemory)
+        last = skipped.memory.method_memory
+        assert isinstance(last, LastForce)
+        a = self.system.constraints.project(last.a.copy())
+        left = replace(control, a=a, t=last.at.t, method_memory=skipped.memory)
+        step = skipped.step
+        if step:
+            assert isinstance(self.steps, Adaptive)
+            after = self.steps.control_after(self.system, skipped.state, step, left)
+            step = replace(step, memory=after)
+        return replace(skipped, memory=left, step=step)
 
     def _take(
         self,

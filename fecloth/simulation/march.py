@@ -99,7 +99,7 @@ def march(
     if memory and isinstance(chosen, Auto):
         raise InputError("memory with Auto()", "needs the method that Auto chose", "march")
     opening = replace(state, t=begin.start)
-    taker, context, _ = resolve(system, chosen, opening, float(targets[-1]), solver, newton)
+    taker, context, _ = resolve(system, chosen, opening, float(targets[-1]), solver, newton, stops)
     if not memory:  # a continued march has passed these checks
         taker.check_start(system, state)
         for doubt in find_doubts(PlannedRun(system, state, taker, targets), OF_MARCH):

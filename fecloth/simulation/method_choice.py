@@ -1,59 +1,64 @@
-"""Choice of the method by its predicted cost at a tolerance."""
+"""Choice of the method by the work that a run is predicted to take."""
 
 import math
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Annotated
 
 import numpy as np
 
-from fecloth.errors import InputError, SolveFailed, errors_of
+from fecloth.errors import InputError, StepFailed, errors_of
 from fecloth.integrators.bdf2 import BDF2
 from fecloth.integrators.explicit import CentralDifference
+from fecloth.integrators.fused_steps import FusedSteps
 from fecloth.integrators.newmark import GeneralizedAlpha
-from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step
+from fecloth.integrators.protocol import MethodTraits, has_symmetric_matrix
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.prices import StepPrices
+from fecloth.linalg.select import AutoSolver
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.newton import NewtonFailed
+from fecloth.nonlinear.options import Newton
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
 from fecloth.simulation.error_control import Adaptive
-from fecloth.simulation.step_history import StepHistory, needs_history
+from fecloth.simulation.fused_march import ROWS
 from fecloth.simulation.step_times import ChosenSteps
+from fecloth.simulation.steps import Memory, Place, Plan, steps
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-MOST_EXPLICIT_STEPS = 20  # of a trial: enough to time them
-MOST_IMPLICIT_STEPS = 12  # of a trial: enough for a usual number of iterations
-FEWEST_TRIAL_STEPS = 3  # steps before a trial may stop early
-COST_OF_TRIAL = 0.05  # over the cost of the cheaper run predicted so far, at most
-DECISIVE_RATIO = 5.0  # of costs: a method that is cheaper by this factor ends the trial
+MOST_STEPS = 12  # of a trial: enough for a usual number of iterations
+SHARE = 0.05  # of the work of the cheaper run predicted so far: a trial takes no more
+# Work of an implicit run over the prediction: a motion that begins at rest needs shorter steps
+# later. The mean of the runs of studies.evidence.benchmarks.auto_method.
+LATER = 1.8
+LUMPED_ONLY = "a consistent mass leaves no explicit method"
+STEPS_WITH_CONTACT = 1000  # of a run: its steps are not shortened further for their error
 
 
 @dataclass(frozen=True)
 class Trial:
-    """The cost of a method over a whole run, predicted from its first steps.
+    """The work of a method over a whole run, predicted from its first steps.
 
     Attributes
     ----------
     method
         The method, ready for `march`.
     dt
-        Mean step in the second half of the trial [s].
-    seconds
-        Predicted wall seconds for the run, without compilation; infinite if it failed.
+        A step at the end of the trial [s].
+    work
+        Of the run, in block products; infinite if the trial failed.
     """
 
     method: Adaptive
-    dt: float
-    seconds: float
+    dt: float = math.nan
+    work: float = math.inf
 
-    def __str__(self) -> str:
-        name = type(self.method.method).__name__
-        if math.isinf(self.seconds):
-            return f"{name} failed"
-        return f"{name} {self.seconds:.2g} s at dt = {self.dt:.2g} s"
+    @property
+    def name(self) -> str:
+        """The method's name."""
+        return type(self.method.method).__name__
 
 
 @checks_arguments
@@ -61,27 +66,29 @@ class Trial:
 class Auto(ChosenSteps):
     """`Adaptive` around central differences or generalised-α, the one predicted to be faster.
 
-    Both take their first steps at the tolerance; the cost of the run is the cost of a step
+    Both take their first steps at the tolerance; the work of the run is the work of a step
     over its length. An explicit step is never longer than stability allows, an implicit one
     costs as much as some tens of explicit ones; so the stiff, the finely meshed, the damped
     and the slow go to the implicit method, and what moves with its own waves to the explicit
     one.
 
-    With contact it is `Adaptive` around `BDF2`, without a trial.
+    Work is counted, in iterations and steps, at the prices of `fecloth.linalg.prices`. So the
+    choice is the same in every run and on every machine, whichever linear solver the run takes.
+    The first steps do not predict later changes of the motion.
 
-    The trial ends as soon as one is five times cheaper, or has taken a twentieth of the run. The
-    first steps do not predict later changes of the motion. The choice depends on wall time, so
-    that it can vary between runs where both methods cost the same.
+    With contact it is `Adaptive` around `BDF2`, without a trial. Its steps are not shorter than
+    a thousandth of the run for their error, as impacts take less time than any step.
 
     Parameters
     ----------
-    rtol, atol, longest
+    rtol, atol, longest, shortest
         As for `Adaptive`.
     """
 
     rtol: float = 1e-3
     atol: float = 0.0
     longest: Annotated[float | None, TIME] = None
+    shortest: Annotated[float, TIME] = 0.0
 
     traits = MethodTraits(order=2, chooses_dt=True)
 
@@ -89,120 +96,130 @@ class Auto(ChosenSteps):
         with errors_of("Auto"):
             self._candidate(GeneralizedAlpha())  # refuses the parameters
 
-    @property
-    def candidates(self) -> tuple[Adaptive, Adaptive]:
-        """The two methods to choose from."""
+    def candidates(self, system: System, duration: float) -> tuple[Adaptive, ...]:
+        """Return the methods to choose from for a run of this duration [s]."""
+        if any(term.needs_end for term in system.bound):
+            shortest = max(self.shortest, duration / STEPS_WITH_CONTACT)
+            return (replace(self._candidate(BDF2()), shortest=shortest),)
+        if system.mass_kind != "lumped":
+            return (self._candidate(GeneralizedAlpha()),)
         return self._candidate(GeneralizedAlpha()), self._candidate(CentralDifference())
 
     def _candidate(self, method) -> Adaptive:
-        return Adaptive(method, self.rtol, self.atol, self.longest)
+        return Adaptive(method, self.rtol, self.atol, self.longest, self.shortest)
 
     def step(self, *_):
         """Raise `InputError`: `march` chooses a method before the first step."""
         raise InputError("Auto()", "is for march and run, which choose the method", "step")
 
     def choose(
-        self, system: System, state: State, t_end: float, solver_of, record=lambda *step: None
+        self,
+        system: System,
+        state: State,
+        t_end: float,
+        newton: Newton | None = None,
+        stops: Sequence[float] = (),
     ) -> tuple[Adaptive, str]:
         """Return the method that is predicted to be faster, and in words why.
 
         Parameters
         ----------
-        system, state, t_end
-            The run: what moves, its start and its end [s].
-        solver_of
-            Function of a method that returns its solver.
-        record
-            Called as `record(method, old, step)` after each trial step, so that the cost of
-            recording counts too.
+        system, state, t_end, stops
+            The run: what moves, its start, its end, and times at which a step must end [s].
+        newton
+            Options of the nonlinear solve.
         """
-        if any(term.needs_end for term in system.bound):
-            return self._candidate(BDF2()), "contact leaves BDF2 and backward Euler"
-        implicit = self._candidate(GeneralizedAlpha())
-        if system.mass_kind != "lumped":
-            return implicit, "a consistent mass leaves no explicit method"
-        explicit = self._candidate(CentralDifference())
-        solver = solver_of(implicit)
-        run = TrialRun(system, state, t_end, record)
-        first = run.predict_cost(explicit, None, MOST_EXPLICIT_STEPS, rival=math.inf)
-        second = run.predict_cost(implicit, solver, MOST_IMPLICIT_STEPS, rival=first.seconds)
-        best, other = sorted((first, second), key=lambda trial: trial.seconds)
-        return best.method, f"predicted: {best}, {other}"
+        implicit, *rest = self.candidates(system, t_end - state.t)
+        if not rest:
+            has_contact = type(implicit.method) is BDF2
+            return implicit, "contact leaves BDF2" if has_contact else LUMPED_ONLY
+        targets = self.end_times(state.t, t_end, stops)
+        explicit = try_explicit(rest[0], system, state, targets)
+        rival = try_implicit(implicit, system, state, targets, newton, explicit.work)
+        best, other = sorted((explicit, rival), key=lambda trial: trial.work)
+        words = f"{best.name} at dt = {best.dt:.2g} s"
+        if math.isinf(other.work):
+            return best.method, f"predicted: {words}; {other.name} failed"
+        part = best.work / other.work
+        return best.method, (
+            f"predicted: {words} takes {part:.2g} of the work of {other.name} "
+            f"at dt = {other.dt:.2g} s"
+        )
 
 
-@dataclass(frozen=True, eq=False)
-class TrialRun:
-    """A run whose first steps are tried: what moves, its start, its end [s], the recording."""
+def try_explicit(method: Adaptive, system: System, state: State, targets: np.ndarray) -> Trial:
+    """Return the trial of an explicit method.
 
-    system: System
-    start: State
-    t_end: float
-    record: Callable
-
-    def predict_cost(
-        self, method: Adaptive, solver: SolverContext | None, most: int, rival: float
-    ) -> Trial:
-        """Time the first steps of a method, and predict the cost of the whole run with it.
-
-        There are up to `most` steps, and fewer once the comparison with a `rival`, which takes
-        so many seconds, is decided.
-        """
-        failed = Trial(method, 0.0, math.inf)
-        trial = failed
-        seconds: list[float] = []
-        sizes: list[float] = []
-        state = self.start
-        begin = time.perf_counter()
-        try:
-            for old, step in self._steps(method, solver):
-                self.record(method, old, step)
-                end = time.perf_counter()
-                seconds.append(end - begin)
-                sizes.append(step.state.t - old.t)
-                state = step.state
-                trial = self._predict(method, sizes, seconds)
-                if len(sizes) == most or _is_decided(trial, rival, seconds):
-                    break
-                begin = time.perf_counter()
-        except (NewtonFailed, SolveFailed):
-            return failed
-        if np.isfinite(state.x).all():
-            return trial
-        return failed
-
-    def _steps(
-        self, method: Adaptive, solver: SolverContext | None
-    ) -> Iterator[tuple[State, Step]]:
-        """Yield the state before each step, and the step, up to the end of the run."""
-        state = self.start
-        memory = None
-        history = StepHistory()
-        records = self.system.start_history(state)
-        while state.t < self.t_end:
-            context = solver
-            if solver and needs_history(solver, method.traits):
-                context = history.inform(solver, self.system, method.traits, state)
-            horizon = self.t_end - state.t
-            step = method.step(self.system, state, horizon, context, memory, records)
-            yield state, step
-            if needs_history(solver, method.traits):
-                history = history.after(self.system, method.traits, state, step.state)
-            state = step.state
-            memory = step.memory
-            records = step.history
-
-    def _predict(self, method: Adaptive, sizes: list[float], seconds: list[float]) -> Trial:
-        """Return the trial after steps of these sizes [s], which took so many seconds."""
-        second_half = slice(len(sizes) // 2, None)
-        dt = float(np.mean(sizes[second_half]))
-        seconds_of_step = float(np.median(seconds[second_half]))
-        steps = (self.t_end - self.start.t) / dt
-        return Trial(method, dt, seconds_of_step * steps)
+    `targets` are the times at which a step must end [s].
+    """
+    try:
+        *_, last = _first_steps(method, system, state, targets)
+    except StepFailed:
+        return Trial(method)
+    control = last.memory.method_memory
+    dt = min(control.dt, control.stable_dt)
+    count = math.ceil((targets[-1] - state.t) / dt)
+    prices = StepPrices.of(system.pattern)
+    rows = count
+    keeps_history = system.start_history(state) is not None
+    if control.is_at_limit and not keeps_history and FusedSteps.bind(system):
+        rows = min(count, max(ROWS, len(targets)))
+    work = rows * prices.row + (count - rows) * prices.fused
+    return Trial(method, dt, work)
 
 
-def _is_decided(trial: Trial, rival: float, seconds: list[float]) -> bool:
-    """Return whether a trial is decided, or has taken its share of the run."""
-    if DECISIVE_RATIO * trial.seconds < rival < math.inf:  # the first steps cost most
-        return True
-    share = COST_OF_TRIAL * min(trial.seconds, rival)
-    return len(seconds) >= FEWEST_TRIAL_STEPS and sum(seconds) > share
+def try_implicit(
+    method: Adaptive,
+    system: System,
+    state: State,
+    targets: np.ndarray,
+    newton: Newton | None,
+    rival: float,
+) -> Trial:
+    """Return the trial of an implicit method, beside a `rival` whose run takes so much work.
+
+    Its linear solver is "auto" without a factorisation, as not every machine has the same one;
+    the run has one, at the price of a factor with PARDISO. Matrices without symmetry are clamped.
+    """
+    options = newton or Newton()
+    is_symmetric = has_symmetric_matrix(system, method)
+    if not is_symmetric:
+        options = replace(options, definiteness="clamp")
+    solver = AutoSolver(system.pattern, direct=None)
+    context = SolverContext(solver, BlockMatrix.zeros(system.pattern, system.team), options)
+    prices = StepPrices.of(system.pattern)
+    duration = targets[-1] - state.t
+    works: list[float] = []
+    sizes: list[float] = []
+    try:
+        for info in _first_steps(method, system, state, targets, context):
+            newton_steps = info.counts.newton
+            factors = newton_steps * solver.estimate("direct")
+            linear = min(solver.work, factors) if is_symmetric else factors
+            works.append(linear + newton_steps * prices.iteration + prices.implicit_row)
+            sizes.append(info.dt)
+            solver.work = 0.0
+            second_half = slice(len(works) // 2, None)
+            dt = float(np.mean(sizes[second_half]))
+            count = LATER * max(duration / dt, len(targets))
+            trial = Trial(method, dt, float(np.mean(works[second_half])) * count)
+            if sum(works) > SHARE * min(trial.work, rival):
+                break
+    except StepFailed:
+        return Trial(method)
+    return trial
+
+
+def _first_steps(method: Adaptive, system: System, state: State, targets: np.ndarray, solver=None):
+    """Yield the first steps of a run; raise `StepFailed` as `march` does."""
+    plan = Plan(
+        system=system,
+        method=method,
+        solver=solver or SolverContext(None, None, Newton()),
+        targets=targets,
+        first=1,
+        most_stretch=math.inf,
+    )
+    memory = Memory(0, state.t, None, term_history=system.start_history(state))
+    for _, info in islice(steps(plan, Place(state, memory, checked=state)), MOST_STEPS):
+        yield info

@@ -6,16 +6,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from fecloth.simulation.account import NEVER, Accounts, Run
-from fecloth.simulation.energy_balance import Balance
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
-from fecloth.system.system import System
 
 LARGEST_DISTANCE = 1.5  # over the distance of rows: the most by which two rows are apart
-ROWS = 1000  # of a run whose steps can be fused
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,18 +101,3 @@ def rows_at_least(rows: int, start: float, t_end: float) -> Callable[[StepInfo],
     """
     spacing = (1 - 1e-6) * (t_end - start) / rows
     return lambda info: Wanted(NEVER, info.t + spacing)
-
-
-def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callable:
-    """Return ``record(method, old, step)``, which does the work of recording a trial step.
-
-    `Auto` predicts the cost of a run with it.
-    """
-    balance = Balance.open(system, observer.start, ledger)
-
-    def record(method, old, step):
-        after = ledger.after(system, method, old, step)
-        balance.after(system, old, step.state, after)
-        return after.row(), observer.row(old, step)
-
-    return record

@@ -1,6 +1,6 @@
 """The choices before the first step: the method, its solver, and the reasons."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -64,13 +64,12 @@ def resolve(
     t_end: float,
     solver: str | SolverContext = "auto",
     newton: Newton | None = None,
-    record: Callable = lambda *step: None,
+    stops: Sequence[float] = (),
 ) -> tuple[protocol.StepChoice, SolverContext, str]:
     """Return the choice of steps, their solver, and in words why it was chosen.
 
-    `Auto` chooses its method here, by trial steps from `state`; `record(method, old, step)` is
-    called after each of these, so that the cost of recording counts too. Raises `InputError`
-    for `Auto` with a solver that is made already.
+    `Auto` chooses its method here, by trial steps from `state`; `stops` are times at which a
+    step must end [s]. Raises `InputError` for `Auto` with a solver that is made already.
     """
     if isinstance(solver, SolverContext):
         if isinstance(steps, Auto):
@@ -86,9 +85,7 @@ def resolve(
         return steps, *steps.solver(system, solver)
     if not isinstance(steps, Auto):
         return steps, *solver_of(steps)
-    chosen, why = steps.choose(
-        system, state, t_end, lambda candidate: solver_of(candidate)[0], record
-    )
+    chosen, why = steps.choose(system, state, t_end, newton, stops)
     context, reason = solver_of(chosen)
     return chosen, context, f"{reason}; {type(chosen.method).__name__} ({why})"
 

@@ -28,7 +28,7 @@ from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_balance import MOST_GROWTH, Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_in_space import ErrorInSpace
-from fecloth.simulation.fused_march import Wanted
+from fecloth.simulation.fused_march import ROWS, Wanted
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
@@ -211,7 +211,7 @@ def run(
     most_growth: float = MOST_GROWTH,
     memory: Memory | None = None,
     report: Callable[[StepInfo], None] = lambda info: None,
-    rows: int = recording.ROWS,
+    rows: int = ROWS,
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
@@ -259,8 +259,7 @@ def run(
     known = system.with_history(records)
     ledger = Ledger.open(known, state)
     observer = Observer.bind(system, state, probes)
-    record = recording.trial_recorder(system, ledger, observer)
-    steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
+    steps, chosen, why = resolve(system, steps, opening, end, solver, newton, stops)
     check_offers(steps.method, ("numerical",), "run")
     planned = PlannedRun(system, opening, steps, ends)
     refuse_undefined(planned)

@@ -22,7 +22,7 @@ from fecloth.simulation.march import march
 from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity
-from fecloth.simulation.record_steps import rows_at_least, trial_recorder
+from fecloth.simulation.record_steps import rows_at_least
 from fecloth.simulation.resolve import method_to_report, resolve
 from fecloth.simulation.run import Result, collect
 from fecloth.simulation.steps import Memory, StepInfo
@@ -178,7 +178,7 @@ class Setup:
             self.t_end,
             self.linear,
             self.newton,
-            record=trial_recorder(self.system, self.ledger, self.observer),
+            stops=self.stops,
         )
         return self.taking(steps), (solver, why)
 

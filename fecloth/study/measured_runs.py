@@ -15,10 +15,10 @@ from fecloth.errors import FeclothError, FeclothWarning
 from fecloth.mesh.cloth import Cloth
 from fecloth.runs.first_calls import compile_kernels
 from fecloth.simulation.equilibrium import Equilibrium, equilibrium
+from fecloth.simulation.fused_march import ROWS
 from fecloth.simulation.on_request import on_request
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
-from fecloth.simulation.record_steps import ROWS
 from fecloth.simulation.run import columns
 from fecloth.simulation.setup import Setup
 from fecloth.study.coarser_start import rest_from

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fecloth.linalg.block_matrix import BlockPattern
-from fecloth.linalg.prices import FILE, Prices
+from fecloth.linalg.prices import FILE, Prices, StepPrices
 
 TABLE = tomllib.loads(FILE.read_text(encoding="utf-8"))
 SMALL, LARGE = TABLE["blocks"]
@@ -64,7 +64,19 @@ def test_the_entries_of_factors_go_on_as_a_power_of_the_blocks(name):
     assert larger.entries == pytest.approx(many * many / few * blocks, rel=1e-2)
 
 
-@pytest.mark.parametrize("name", sorted(set(TABLE) - {"blocks"}))
+@pytest.mark.parametrize("name", sorted(set(TABLE) - {"blocks", "products in Python"}))
 def test_all_prices_are_positive(name):
     assert all(price > 0 for prices in TABLE[name].values() for price in prices)
     assert all(len(prices) == 2 for prices in TABLE[name].values())
+
+
+def test_python_takes_the_same_for_a_row_of_any_size():
+    """In block products: a small cloth pays for Python, a large one for its arithmetic."""
+    python = TABLE["products in Python"]
+    few, many = (StepPrices.of(pattern(n, ROWS["membrane"])) for n in (SMALL / 100, SMALL))
+    assert few.fused == pytest.approx(TABLE["fused"]["membrane"][0], rel=1e-2)
+    assert few.iteration == pytest.approx(100 * many.iteration, rel=1e-6)
+    assert many.iteration * SMALL == pytest.approx(python["iteration"], rel=1e-2)
+    row = TABLE["row"]["membrane"][0]
+    assert many.row == pytest.approx(row + python["row"] / SMALL, rel=1e-2)
+    assert few.row == pytest.approx(row + 100 * python["row"] / SMALL, rel=1e-2)

@@ -1,14 +1,18 @@
 """Auto: the method that is predicted to be faster, what it costs to find out, and what is said."""
 
 import itertools
-from types import SimpleNamespace
+import math
+import time
 
 import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.linalg import mkl_pardiso
+from fecloth.linalg.prices import StepPrices
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation import method_choice
+from fecloth.simulation.fused_march import ROWS
 from fecloth.simulation.resolve import resolve
 
 
@@ -74,43 +78,72 @@ def test_the_run_is_bit_for_bit_that_of_the_method_alone(case):
     assert type(result.method.method).__name__ in result.solver
 
 
-def counting_clock(monkeypatch):
-    """Every step takes a second."""
+@pytest.mark.parametrize("case", [{}, {"damping": 0.02}], ids=["explicit", "implicit"])
+def test_the_choice_depends_on_no_clock(monkeypatch, case):
+    system, state = sheet(**case)
+    expected = chosen(system, state)
     ticks = itertools.count()
-    clock = SimpleNamespace(perf_counter=lambda: float(next(ticks)))
-    monkeypatch.setattr(method_choice, "time", clock)
+    for clock in ("perf_counter", "process_time", "time", "monotonic"):
+        monkeypatch.setattr(time, clock, lambda: float(next(ticks) % 7) ** 9)
+    assert chosen(system, state) == expected
 
 
-def test_the_forecast_is_the_number_of_steps_where_each_takes_a_second(monkeypatch):
-    counting_clock(monkeypatch)
+@pytest.mark.parametrize("linear", ["auto", "superlu", "pcg"])
+def test_the_choice_is_the_same_without_pardiso(monkeypatch, linear):
     system, state = sheet(damping=0.02)
-    explicit = fc.Adaptive(fc.CentralDifference(), rtol=1.0)  # all steps at the stability limit
-    run = method_choice.TrialRun(system, state, 0.1, record=lambda *step: None)
-    trial = run.predict_cost(explicit, None, 10, rival=np.inf)
-    steps = sum(1 for _ in fc.march(system, explicit, state, t_end=0.1))
-    assert steps > 100
-    assert trial.seconds == pytest.approx(steps, rel=0.05)
-    assert trial.dt == pytest.approx(0.1 / steps, rel=0.05)
+    expected = resolve(system, fc.Auto(), state, 1.0)
+    monkeypatch.setattr(mkl_pardiso, "routine", absent)
+    method, _, why = resolve(system, fc.Auto(), state, 1.0, linear)
+    assert method == expected[0]
+    assert why.partition("(predicted")[2] == expected[2].partition("(predicted")[2] != ""
 
 
-@pytest.mark.parametrize(
-    ("rival", "steps"),
-    [(1e9, 1), (np.inf, 12), (0.0, method_choice.FEWEST_TRIAL_STEPS)],
-    ids=["far cheaper than the other", "nothing known of the other", "far dearer"],
-)
-def test_a_trial_takes_no_more_steps_than_it_needs(monkeypatch, rival, steps):
-    counting_clock(monkeypatch)
-    monkeypatch.setattr(method_choice, "COST_OF_TRIAL", 0.05 if rival < np.inf else 1.0)
+def absent():
+    raise ImportError("no MKL")
+
+
+def test_a_trial_ends_where_it_takes_more_than_its_part_of_the_other_run(monkeypatch):
     system, state = sheet(damping=0.02)
+    method, _ = fc.Auto().candidates(system, 1.0)
     taken = []
+    step = fc.GeneralizedAlpha.step
+    monkeypatch.setattr(fc.GeneralizedAlpha, "step", lambda *given: taken.append(1) or step(*given))
+    for rival, share, least in (
+        (1.0, 0.05, 1),
+        (math.inf, math.inf, method_choice.MOST_STEPS),
+    ):
+        taken.clear()
+        monkeypatch.setattr(method_choice, "SHARE", share)
+        trial = method_choice.try_implicit(method, system, state, np.array([1.0]), None, rival)
+        assert least <= len(taken) <= least + 2  # with steps that were rejected
+        assert rival < trial.work or math.isinf(rival)
 
-    class Counted(fc.Adaptive):
-        def step(self, *arguments):
-            taken.append(1)
-            return super().step(*arguments)
 
-    method = Counted(fc.GeneralizedAlpha(), 1e-3)
-    solver, _ = fc.solver_for(system, method, 1e-3)
-    run = method_choice.TrialRun(system, state, 1.0, record=lambda *step: None)
-    run.predict_cost(method, solver, 12, rival)
-    assert len(taken) == steps
+def test_the_predicted_work_is_the_work_of_the_steps(monkeypatch):
+    """All steps are at the stability limit: their number is the length of the run over it."""
+    system, state = sheet(stiffness=1e4)
+    _, method = fc.Auto(rtol=1.0).candidates(system, 0.5)
+    trial = method_choice.try_explicit(method, system, state, np.array([0.5]))
+    steps = sum(1 for _ in fc.march(system, method, state, t_end=0.5))
+    prices = StepPrices.of(system.pattern)
+    assert steps > 2 * ROWS
+    assert trial.dt == pytest.approx(0.5 / steps, rel=0.05)
+    work = ROWS * prices.row + (steps - ROWS) * prices.fused
+    assert trial.work == pytest.approx(work, rel=0.05)
+    # where Python takes each step, each has a row
+    monkeypatch.setattr(method_choice.FusedSteps, "bind", lambda system: None)
+    trial = method_choice.try_explicit(method, system, state, np.array([0.5]))
+    assert trial.work == pytest.approx(steps * prices.row, rel=0.05)
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_a_run_with_contact_takes_no_thousands_of_steps():
+    """A square falls flat on a plane: its impact has no duration that steps could resolve."""
+    cloth = fc.Cloth.rectangle(0.4, 0.4, h=0.2, pattern="right")
+    floor = fc.Obstacle(fc.shapes.Plane((0, 0, -0.02), (0, 0, 1)), gap=1e-3)
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0, 0.3), [fc.StVK(), fc.Gravity(), floor])
+    result = fc.run(system, fc.Auto(rtol=1e-4), system.rest(), t_end=0.1)
+    assert isinstance(result.method.method, fc.BDF2)
+    assert result.method.shortest == pytest.approx(1e-4)
+    assert len(result.times) < 1100
+    assert -0.02 < result.state.x[:, 2].min() < -0.018

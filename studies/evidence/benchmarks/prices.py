@@ -1,11 +1,12 @@
-"""What the operations of the linear solvers cost, as the solver "auto" counts them.
+"""What the operations of linear solvers and of steps cost, as "auto" counts them.
 
     python -m studies.evidence.benchmarks.prices [--write] [--quick]
 
 Four matrices are measured, on one thread: of membranes, with 7 blocks in a row, and of plates, with
 about 30; each with so few blocks that a core's cache holds them, and with so many that each product
 reads them from memory. All prices are in block products of conjugate gradients on the same
-matrix. --write writes them to fecloth/linalg/prices.toml. CPU seconds, the least of several.
+matrix. What Python takes for a row and for an iteration of Newton's method is measured on 100
+triangles. --write writes them to fecloth/linalg/prices.toml. CPU seconds, the least of several.
 
 On another machine all operations are faster or slower together, and "auto" chooses as here. What
 differs are the prices of arithmetic (tangent, factor) over the prices of reading memory (block
@@ -19,6 +20,7 @@ import math
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -30,6 +32,7 @@ from fecloth.linalg.direct import Pardiso, SuperLU
 from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.linalg.prices import FILE
+from fecloth.stability import estimate
 from studies import harness
 from studies.evidence.benchmarks.measure import square
 
@@ -84,8 +87,50 @@ def seconds_of(system: fc.System) -> Iterator[tuple[str, float]]:
 
     yield "tangent", cpu(assemble)
     yield "residual", cpu(lambda: system.force(state))
+    dt = estimate(system, state, fc.CentralDifference())
+    yield "fused", cpu(lambda: fc.many_steps(system, state, dt, 50, threads=1)) / 50
+    yield "row", row_and_iterations(system, fc.CentralDifference(), 0.5 * dt, 40)[0]
+    yield "implicit row", implicit_row(system, 6)
     yield from iterative(A, b, state.x)
     yield from direct(A, b)
+
+
+def row_and_iterations(
+    system: fc.System, method: object, dt: float, steps: int
+) -> tuple[float, float]:
+    """The CPU seconds of a step with its row, the median, and its Newton iterations."""
+    ends: list[float] = []
+    iterations: list[int] = []
+
+    def note(info) -> None:
+        ends.append(time.process_time())
+        iterations.append(info.counts.newton)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fc.FeclothWarning)
+        fc.run(system, method, system.rest(), dt, steps * dt, report=note, rows=10**6)
+    return float(np.median(np.diff(ends))), float(np.mean(iterations))
+
+
+def implicit_row(system: fc.System, steps: int) -> float:
+    """The CPU seconds of the row of an implicit step, without the step, the median."""
+    method, dt = fc.GeneralizedAlpha(), 2e-3
+    ends = [time.process_time() for _ in fc.march(system, method, system.rest(), dt, steps * dt)]
+    alone = float(np.median(np.diff(ends)))
+    return row_and_iterations(system, method, dt, steps)[0] - alone
+
+
+def in_python() -> dict[str, float]:
+    """The CPU seconds of a row and of an iteration on a cloth so small that Python takes them."""
+    system = system_of("membrane", 350)
+    row, _ = row_and_iterations(system, fc.CentralDifference(), 1e-4, 40)
+    step, iterations = row_and_iterations(system, fc.GeneralizedAlpha(), 1e-3, 40)
+    implicit = implicit_row(system, 40)
+    return {
+        "row": row,
+        "implicit row": implicit,
+        "iteration": (step - implicit) / iterations,
+    }
 
 
 def iterative(A: BlockMatrix, b: np.ndarray, x: np.ndarray) -> Iterator[tuple[str, float]]:
@@ -127,14 +172,16 @@ def direct(A: BlockMatrix, b: np.ndarray) -> Iterator[tuple[str, float]]:
         yield f"{solver.name} solve", cpu(lambda s=solver: s._apply(b)) / solver.entries
 
 
-def prices_of(kind: str, blocks: int, load: float) -> dict[str, float]:
+def prices_of(kind: str, blocks: int, load: float, python: dict[str, float]) -> dict[str, float]:
     """The prices of a matrix in block products, as `fecloth.linalg.prices` reads them.
 
-    `load` are the seconds in which the MKL is loaded.
+    `load` are the seconds in which the MKL is loaded, `python` what Python takes for rows.
     """
     system = system_of(kind, blocks)
     count = len(system.pattern.indices)
     seconds = {**dict(seconds_of(system)), "load": load}
+    for name in ("row", "implicit row"):
+        seconds[name] = max(seconds[name] - python[name], 0.1 * seconds[name])
     product = seconds.pop("iteration") / count
     prices = {"blocks in a row": count / len(system.pattern), "ns of a product": 1e9 * product}
     for name, value in seconds.items():
@@ -154,17 +201,19 @@ def seconds_of_loading() -> float:
     return min(float(run.stdout) for run in runs)
 
 
-def to_toml(table: dict[str, dict[str, list[float]]]) -> str:
+def to_toml(table: dict[str, dict[str, list[float]]], python: dict[str, float]) -> str:
     """The text of the file of prices: a line for each price, and what its numbers are."""
     processor = harness.hardware()["processor"]
     lines = [
-        "# What the operations of linear solvers cost, in block products of conjugate gradients",
-        "# on the same matrix: fecloth.linalg.prices.Prices says of what each is the price.",
+        "# What operations cost, in block products of conjugate gradients on the same matrix:",
+        "# Prices and StepPrices of fecloth.linalg.prices say of what each is the price.",
         "# Each kind of matrix has two numbers: in a cache of the processor, and too large for it.",
         "# Written by: python -m studies.evidence.benchmarks.prices --write",
         f"# Processor: {processor}",
         f"blocks = {list(BLOCKS)}",
     ]
+    numbers = ", ".join(f'"{name}" = {price:.3g}' for name, price in python.items())
+    lines.append(f'"products in Python" = {{ {numbers} }}')
     for name, kinds in table.items():
         numbers = ", ".join(
             f"{kind} = [{', '.join(f'{value:.3g}' for value in values)}]"
@@ -181,12 +230,14 @@ def main() -> int:
     options = parser.parse_args()
     sizes = (BLOCKS[0] // 8, BLOCKS[0]) if options.quick else BLOCKS
     load = seconds_of_loading()
+    seconds = in_python()
     table: dict[str, dict[str, list[float]]] = {}
     for kind in TRIANGLES_PER_BLOCK:
         for blocks in sizes:
-            for name, price in prices_of(kind, blocks, load).items():
+            for name, price in prices_of(kind, blocks, load, seconds).items():
                 table.setdefault(name, {}).setdefault(kind, []).append(price)
-    text = to_toml(table)
+    product = 1e-9 * table["ns of a product"]["membrane"][0]
+    text = to_toml(table, {name: value / product for name, value in seconds.items()})
     print(text)
     if options.write:
         FILE.write_text(text, encoding="utf-8")
