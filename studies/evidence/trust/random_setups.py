@@ -5,11 +5,11 @@ agree within 2 %; runs that never agree do not count. The error in time is the r
 weighted by mass, the largest over the frames, over the largest rms displacement: what the run
 states. A run is good below 2 % and wrong above 10 %. Of good runs at most 1 in 20 may have a
 warning, and no wrong run may be without one. A cloth that passes through itself is right to warn,
-though a refined rerun does so, too. Thresholds were chosen on seeds 1, 2 and 5; none has seen
-seed 7.
+though a refined rerun does so, too. Thresholds were chosen on seeds 1, 2, 5 and 7; none has
+seen seed 8.
 
     python -m studies.evidence.trust.random_setups
-        [--quick] [--seed 7] [--count 200] [--jobs N] [--out DIR]
+        [--quick] [--seed 8] [--count 200] [--jobs N] [--out DIR]
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def findings_of(rows: list[dict], enough: int, stated: float = STATED) -> list[h
 
 def main(argv: list[str] | None = None) -> int:
     """Run the set-ups, write their table and the report, and return the exit status."""
-    more = {"seed": {"type": int, "default": 7}, "count": {"type": int, "default": 200}}
+    more = {"seed": {"type": int, "default": 8}, "count": {"type": int, "default": 200}}
     options = harness.parse_arguments(__doc__ or "", argv, **more)
     seed, numbers = QUICK if options.quick else (options.seed, range(options.count))
     most = QUICK_MOST if options.quick else MOST
