@@ -96,6 +96,7 @@ def find_method(problem: Setup) -> Any:
     steps = problem.steps or LoadSteps()
     if not isinstance(steps, Auto):
         return steps.method
+    assert problem.t_end is not None
     return steps.candidates(problem.system, problem.t_end - problem.start.t)[0].method
 
 

@@ -113,7 +113,7 @@ class Time(Table):
         """Return the table with the steps that `Auto` has chosen."""
         names = {cls: name for name, cls in _METHODS.items()}
         name = names[type(steps.method)]
-        method = METHOD_TABLES[name](type=name)
+        method = METHOD_TABLES[name].model_validate({"type": name})
         return self.model_copy(
             update={"method": method, **{key: getattr(steps, key) for key in CHOSEN}}
         )
