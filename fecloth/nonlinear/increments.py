@@ -337,31 +337,19 @@ def increase_loads(
     over = system
     path = list[SolvedIncrement]()
     depends_on_path = any(term.needs_path for term in system.bound)
-    follows_motion = at is None and moves(system)
-    may_try_all_loads = largest < last_load - first_load and not (
-        depends_on_path or follows_motion or any(record is not None for record in history or ())
-    )
+    remembers = any(record is not None for record in history or ())
+    follows_path = depends_on_path or remembers or (at is None and moves(system))
+    may_try_all_loads = largest < last_load - first_load and not follows_path
     has_tried_all_loads = False
     deviation_of_whole = math.inf  # of the increment that was halved
     while reached < last_load:
         load = reached + size
         if load >= last_load - 1e-9:  # what would be left is round-off
             load = last_load
-        if at is None:
-            begin = reached
-            end = load
-        else:
-            begin = end = at
+        begin, end = (reached, load) if at is None else (at, at)
         state_before = State(start.t, x, np.zeros_like(x))
-        increment = LoadIncrement(
-            system,
-            state_before,
-            load=load,
-            size=load - reached,
-            begin=begin,
-            end=end,
-            history=history,
-        )
+        part = load - reached
+        increment = LoadIncrement(system, state_before, load, part, begin, end, history)
         try:
             solved, over = solve_increment(increment, course.rate, context, report)
         except EquilibriumFailed as failure:
