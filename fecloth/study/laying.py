@@ -11,7 +11,7 @@ from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.on_request import bind_measure
 from fecloth.simulation.setup import Setup
 from fecloth.simulation.shapes import compressed_share, stress_cells
-from fecloth.study.orders import is_round
+from fecloth.study.orders import has_bending, is_round
 
 FOLDS = range(3, 9)  # waves of a start of a round cloth
 USUAL_FOLDS = 5.0
@@ -23,13 +23,16 @@ def describe_state(setup: Setup, x: np.ndarray) -> dict[str, Any]:
     """Return what tells equilibria apart: the folds of the rim, and the part that is compressed.
 
     The number of folds is None for a cloth without an outer rim. A cloth in tension has one
-    equilibrium; where a part of it is compressed, it may have others.
+    equilibrium; where a part of it is compressed, it may have others. Without bending the
+    wrinkles follow the mesh, so that no state can be told from another: no part counts.
     """
     folds = None
     with suppress(KeyError):  # without a border
         folds = bind_measure("folds", setup.system, ())(x, {})["folds"]
-    cells = stress_cells(setup.system, x)
-    return {"folds": folds, "compressed": compressed_share(setup.system, cells)}
+    compressed = 0.0
+    if has_bending(setup):
+        compressed = compressed_share(setup.system, stress_cells(setup.system, x))
+    return {"folds": folds, "compressed": compressed}
 
 
 def ways_of_laying(setup: Setup, folds: float | None) -> list[str]:
