@@ -3,14 +3,18 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fecloth.mesh.grading import Grading
+from fecloth.output.frames import write_vtk
 from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.study.figures import Figure, labelled, line_style, new_figure, use_plain_ticks
 from fecloth.study.result import UNITS, StudyResult, in_percent
+from fecloth.study.runs import end_of
+from fecloth.study.status import OK
 from fecloth.study.uncertainty import LEAST_ORDER, Estimate
 
 # The distance of the observed from the theoretical order, over the theoretical one: up to this
@@ -105,6 +109,30 @@ class Convergence(StudyResult):
                 parts.append(f"{name} {size:.2g} {self.unit}".strip())
             lines.append(f"Estimated parts of the error: {', '.join(parts)}.")
         return [*lines, *self.remarks]
+
+    def report(self, folder: str | Path) -> Path:
+        """Write report.html, results.csv, the figure, and finest.pvd for ParaView.
+
+        finest.pvd has the last state of the run on the finest level. There is none of natural
+        frequencies, nor where no run ended well.
+        """
+        if self._finest:
+            system, state = end_of(self._finest)
+            write_vtk(Path(folder) / "finest", system.cloth, state, system)
+        return super().report(folder)
+
+    def describe_files(self, folder: Path, page: Path) -> str:
+        """Say which files there are for the browser and for ParaView."""
+        words = super().describe_files(folder, page)
+        if self._finest:
+            return f"wrote {folder / 'finest.pvd'}\n{words}"
+        return words
+
+    @property
+    def _finest(self) -> Mapping | None:
+        """The row of the finest level whose run ended well; None of natural frequencies."""
+        rows = [row for row in self.levels if row["status"] == OK and "frequencies" not in row]
+        return rows[-1] if rows else None
 
     def figure(self) -> Figure:
         """Return the errors of the levels with the theoretical slope, and beside it the values.

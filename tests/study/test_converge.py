@@ -13,6 +13,7 @@ from support.scene_texts import STRING
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
+from fecloth.output.frame_reader import read_vtu
 from fecloth.quantities.digits import with_uncertainty
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.quantity import parse_quantity
@@ -357,7 +358,13 @@ def test_report_figure_and_words(tmp_path):
         "results.csv",
         "figure.png",
         "figure.svg",
+        "finest.pvd",
+        "finest.vtu.series",
+        "finest_000000.vtu",
     }
+    frame = read_vtu(page.parent / "finest_000000.vtu")
+    right = frame.point_data["reference"][:, 0] == 1.0
+    assert frame.points[right, 0].mean() == pytest.approx(found.value, rel=1e-9)
     assert len((page.parent / "results.csv").read_text().splitlines()) == 4
     assert repr(found).startswith("<Convergence of strip: converges")
     assert "\n" not in repr(found)
