@@ -149,7 +149,7 @@ def test_a_scene_at_rest(scene):
 
 def test_a_trusted_geo_file_stays_trusted(scene, tmp_path):
     (tmp_path / "sheet.geo").write_text(
-        """Printf("a command that needs trust");
+        """General.Terminal = 0; // needs trust
         Point(1) = {0, 0, 0, 0.2}; Point(2) = {1, 0, 0, 0.2}; Point(3) = {0.5, 1, 0, 0.2};
         Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 1};
         Curve Loop(1) = {1, 2, 3}; Plane Surface(1) = {1}; Physical Surface("cloth") = {1};
