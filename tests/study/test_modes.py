@@ -313,7 +313,7 @@ def test_a_state_that_is_no_equilibrium_is_warned_of():
     with pytest.warns(fc.FeclothWarning, match=words):
         fc.modes(system, tight, count=2)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.filterwarnings("error", message="the state is not in equilibrium")
         fc.modes(system, fc.equilibrium(system, tight), count=2)
 
 
