@@ -56,6 +56,9 @@ class Balance(Account):
         The remainder of the ledger after the last step [J].
     growth
         `describe_growth` after the last step.
+    first
+        What the method made in the first step [J]: a start that does not fit the motion of the
+        pins gives energy, which is no growth. None before it.
     """
 
     name = "balance"
@@ -68,6 +71,7 @@ class Balance(Account):
     supplied: float = 0.0
     remainder: float = 0.0
     growth: str = ""
+    first: float | None = None
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "Balance":
@@ -87,6 +91,9 @@ class Balance(Account):
         """
         ledger = others[Ledger]
         after = self.after(run.system, info.old, info.result.state, ledger)
+        if after.first is None:
+            is_single = info.skipped is None
+            after = after.changed(first=max(0.0, after.made(ledger)) if is_single else 0.0)
         growth = after.describe_growth(run.system, ledger, run.most_growth)
         if growth and self.growth:
             failure = step_failed(run.system, info.old, info.step, info.dt, Problem(growth))
@@ -113,18 +120,24 @@ class Balance(Account):
     def describe_growth(self, system: System, ledger: Ledger, most: float) -> str:
         """Return a sentence if the cloth deforms with too much energy that the method has made.
 
-        That is more than `most` times what was supplied. The method has made what the ledger
-        does not explain without the method's own column; what damping has taken of it since
-        makes no motion.
+        That is more than `most` times what was supplied and what the first step has made.
         """
-        made = min(self.deforming, ledger.remainder - ledger.numerical)
-        if ledger.silent or not made > most * self.supplied + self.noise(system, ledger):
+        supplied = self.supplied + (self.first or 0.0)
+        if ledger.silent or not self.made(ledger) > most * supplied + self.noise(system, ledger):
             return ""
         return (
             f"the cloth deforms with a kinetic energy of {self.deforming:.3g} J, where its "
             f"start, its loads and its pins have given it {self.supplied:.3g} J at most: the "
             "method has made the rest"
         )
+
+    def made(self, ledger: Ledger) -> float:
+        """Return the kinetic energy of the deformation that the method has made [J].
+
+        The method has made what the ledger does not explain without the method's own column. What
+        damping has taken of it since makes no motion.
+        """
+        return min(self.deforming, ledger.remainder - ledger.numerical)
 
     def noise(self, system: System, ledger: Ledger) -> float:
         """Return the energy [J] that does not matter: round-off, tolerances, slight speeds.

@@ -174,6 +174,7 @@ def test_a_formula_is_no_quantity(formula):
 # --- the keys of a scene --------------------------------------------------------------------------
 
 PLAIN = {  # numbers without a unit
+    *("MeshFile.scale", "MeshFilePiece.scale"),
     *("ObstacleTable.friction", "ObstacleTable.restitution"),
     *("MeshObstacleTable.friction", "MeshObstacleTable.restitution", "MeshObstacleTable.scale"),
     *("SelfContactTable.friction", "SelfContactTable.restitution"),
