@@ -171,9 +171,11 @@ def _turned(R: np.ndarray, T: np.ndarray) -> np.ndarray:
     """(m, 9) the tensors R T Rᵀ in space, row by row."""
     RT = _single(R @ T)[:, :, None]
     R = _single(R)[:, None]
-    return (RT[..., 0] * R[..., 0] + RT[..., 1] * R[..., 1]).reshape(-1, 9)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a cloth that blows up
+        return (RT[..., 0] * R[..., 0] + RT[..., 1] * R[..., 1]).reshape(-1, 9)
 
 
 def _single(values: np.ndarray) -> np.ndarray:
-    """Numbers that are only drawn need 4 bytes."""
-    return values.astype(np.float32)
+    """Numbers that are only drawn need 4 bytes; of a cloth that blows up they are infinite."""
+    with np.errstate(over="ignore"):
+        return values.astype(np.float32)

@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
@@ -31,8 +31,7 @@ from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.on_request import on_request
-from fecloth.simulation.probes import Probe
-from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.probes import SHAPE_COLUMNS, Probe
 from fecloth.simulation.step_times import step_times
 from fecloth.simulation.steps import Memory
 from fecloth.system.clamps import find_clamps
@@ -78,6 +77,7 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
     with errors_of_key("measured"):
         measured = read_measured(scene.measured)
         interest = scene.quantities
+    asked = [*scene.expect, *(quantity.column for quantity in interest)]
     problem = Problem(
         system,
         state,
@@ -88,7 +88,8 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         unit=scene.schedule.unit,
         newton=scene.solver.make(),
         linear=scene.solver.linear,
-        probes=(*probes, *_columns_on_request(scene, interest)),
+        probes=(*probes, *on_request(asked)),
+        shape=not SHAPE_COLUMNS.isdisjoint(asked),
         # With a memory the start is not checked again; `_check_method` has done so.
         memory=Memory(step=0, start=state.t, method_memory=None),
         frame_steps=scene.output.steps(scene.schedule),
@@ -367,14 +368,6 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
             allowed = "must not depend on t in a scene with [equilibrium]"
             remedy = "Write its value, or use [time]."
             raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
-
-
-def _columns_on_request(scene: Any, interest: Iterable[Quantity]) -> tuple[str, ...]:
-    """Return the columns that a run has only on request and that this scene asks for.
-
-    A scene asks for a column by naming it under [expect], [interest] or [measured].
-    """
-    return on_request([*scene.expect, *(quantity.column for quantity in interest)])
 
 
 def _check_columns(

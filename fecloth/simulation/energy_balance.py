@@ -123,7 +123,11 @@ class Balance(Account):
         That is more than `most` times what was supplied and what the first step has made.
         """
         supplied = self.supplied + (self.first or 0.0)
-        if ledger.silent or not self.made(ledger) > most * supplied + self.noise(system, ledger):
+        # What the ledger has now may have grown, too: tolerances are of what was there before.
+        before = sum(map(abs, ledger.opening.values())) + self.supplied
+        noise = SLIGHT_ENERGY * self.kinetic + ENERGY_UNSOLVED * before
+        noise += negligible_energy(system, ledger.t - self.start)
+        if ledger.silent or not self.made(ledger) > most * supplied + noise:
             return ""
         return (
             f"the cloth deforms with a kinetic energy of {self.deforming:.3g} J, where its "

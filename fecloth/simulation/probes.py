@@ -21,6 +21,8 @@ from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.loops.green_strain import gradient
 
+# Columns of the shape, which a run has where they are asked for.
+SHAPE_COLUMNS = frozenset({"volume", "least_stretch", "largest_stretch"})
 # Names, and beginnings of names, of columns that a run may have anyway.
 TAKEN = (
     "mean_displacement",

@@ -20,7 +20,7 @@ from fecloth.simulation.derived_loads import find_rest
 from fecloth.simulation.equilibrium import Equilibrium
 from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.probes import Probe
+from fecloth.simulation.probes import SHAPE_COLUMNS, Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.simulation.setup import Setup
@@ -45,8 +45,6 @@ LARGEST_ERROR = 1e-2
 STEP_ERROR = 2.0  # error of the derivative of a single step over the tolerance of all
 # Newton's tolerance in a run with derivatives, over the tolerance of derivatives.
 NEWTON_TOLERANCE = 1e-2
-# Columns of a row that take time and are left out where no quantity reads them.
-OF_SHAPE = ("volume", "least_stretch", "largest_stretch")
 # Newton's tolerance in twin runs: what it leaves is 1e-6 of their smallest change, 1e-5.
 TWIN_TOLERANCE = 1e-11
 
@@ -124,7 +122,7 @@ def _derive(problem: StudyProblem, setup: Setup, sought: Sought, setup_at: Setup
     quantity that is no finite number.
     """
     setup = setup.recording(quantity.column for quantity in sought.quantities)
-    needs_shape = any(q.function or q.column in OF_SHAPE for q in sought.quantities)
+    needs_shape = any(q.function or q.column in SHAPE_COLUMNS for q in sought.quantities)
     setup = replace(setup, shape=needs_shape)
     recorded = what_to_record(sought.quantities, setup)
     if sought.whole:

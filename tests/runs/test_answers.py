@@ -219,3 +219,15 @@ def test_a_mesh_that_cannot_be_refined_names_no_command(run, tmp_path):
     assert math.isnan(result.quantities["sag"].uncertainty)
     assert "converge" not in finished_message(result)
     assert "± not known" in finished_message(result)
+
+
+def test_a_scene_that_asks_for_stretches_and_volume_has_them(run):
+    """They are columns of a run only where they are asked for."""
+    names = ["largest_stretch", "least_stretch", "max largest_stretch", "volume"]
+    result = run(SAG, f"interest.quantities={json.dumps(names)}")
+    last = result.summary
+    for name in ("largest_stretch", "least_stretch"):
+        assert result.quantities[name].value == pytest.approx(last[name], rel=1e-6)
+    assert result.quantities["max largest_stretch"].value > 1.001
+    # a paraboloid of the same sag over the square has a volume of 4/9 of sag times area
+    assert 0.3 < -result.quantities["volume"].value / result.quantities["sag"].value < 0.6

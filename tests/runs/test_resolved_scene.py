@@ -1,6 +1,7 @@
 """scene.resolved.toml has what a run has chosen, and repeats the run."""
 
 import tomllib
+from functools import cache
 
 import pytest
 
@@ -60,5 +61,6 @@ def test_the_resolved_scene_names_the_factorisation(tmp_path, monkeypatch):
     assert there["time"] == here["time"]
 
 
+@cache
 def absent():
     raise ImportError("no MKL")

@@ -503,14 +503,14 @@ def test_a_solver_that_has_dropped_is_a_new_one(isotropic):
     used, _ = fc.solver_for(system, fc.BDF2(), 0.3)
     for _ in fc.march(system, fc.BDF2(), system.rest(), 0.3, 3.0, solver=used):
         pass
-    assert set(used.linear._solvers) == {"pcg", "direct"}
+    used.linear._use("direct")  # as where it costs the least
     used.drop()
     new, _ = fc.solver_for(system, fc.BDF2(), 0.3)
     assert used.factor_reuse == new.factor_reuse
     told, expected = (dict(vars(one.linear)) for one in (used, new))
     for each in (told, expected):
         each["_solvers"] = sorted(each["_solvers"])
-        for key in ("_make", "_solver", "prepared"):
+        for key in ("_make", "_solver", "prepared", "work"):
             del each[key]
     assert told == expected
 

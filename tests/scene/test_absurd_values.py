@@ -65,7 +65,7 @@ def test_a_scene_has_at_most_ten_million_steps(tmp_path):
 
 def test_a_file_of_more_than_a_million_bytes_is_no_scene(tmp_path):
     load(tmp_path, text=f"{SCENE}#{'-' * 800_000}")
-    with pytest.raises(InputError, match="a scene has at most 1000000"):
+    with pytest.raises(InputError, match="must have at most 1000000"):
         load(tmp_path, text=f"{SCENE}#{'-' * 1_200_000}")
 
 
@@ -128,7 +128,9 @@ def fan(degrees: float, parts: int, is_closed: bool = False):
     ("degrees", "parts"), [(365, 6), (400, 8), (500, 9), (720, 12), (1000, 30)]
 )
 def test_a_fan_of_more_than_360_degrees_is_refused(degrees, parts):
-    with pytest.raises(MeshError, match="their angles add up to more than 360°: node 0"):
+    with pytest.raises(
+        MeshError, match="their angles add up to more than 360°: node 0|in the middle of an edge"
+    ):
         fc.Cloth.from_arrays(*fan(degrees, parts))
 
 

@@ -52,7 +52,7 @@ def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: 
     values["method"] = "central_difference" if kind == "explicit" else "backward_euler"
     values["linear"] = "auto" if kind == "explicit" else kind
     (folder / "sheet.toml").write_text(SCENE.format(**values, t_end=3.5 * dt))
-    command = [sys.executable, "-m", "fecloth", "run", "sheet.toml", "--overwrite"]
+    command = [sys.executable, "-m", "fecloth", "run", "sheet.toml", "--overwrite", "-v"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
     summary = json.loads((folder / "out/sheet/summary.json").read_text())
     predicted = [float(number) for number in re.findall(r"([0-9]+) MB", done.stderr)]

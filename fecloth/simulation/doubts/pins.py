@@ -68,6 +68,8 @@ def _constant_motion(
     In a run a motion that is zero may begin later. Load steps end at t = 1, where a motion that
     depends on t is not zero.
     """
+    if not run.state.t < run.t_end:  # all loads act already: nothing will move
+        return None
     _, places = motions[name_motion(name)].samples
     if isinstance(pin.motion, Motion):
         texts = [formula.text for formula in pin.motion.formulas]
