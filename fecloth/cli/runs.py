@@ -67,7 +67,7 @@ def run(
 def _run_scene(scene: "Scene", path: Path, quiet: bool, verbose: bool, **how: Any) -> "SceneResult":
     """Run a scene in this process, and print what it does; with `quiet` only warnings.
 
-    With `verbose` the whole plan is printed, else the largest step of an explicit method alone.
+    With `verbose` the whole plan is printed, else of an explicit method its largest step alone.
     `how` are further arguments of `run_scene`.
     """
     from fecloth.cli.progress import progress, show, terminal
@@ -83,8 +83,10 @@ def _run_scene(scene: "Scene", path: Path, quiet: bool, verbose: bool, **how: An
 
     def announce(problem: "Problem", why: str, doubts: list[Doubt]) -> None:
         lines = []
-        if not quiet:
-            lines = plan(problem, why) if verbose else describe_limit(problem)
+        if verbose and not quiet:
+            lines = plan(problem, why)
+        elif not quiet and problem.steps.method.traits.explicit:
+            lines = describe_limit(problem)
         for line in lines:
             show(line, console)
         for doubt in doubts:

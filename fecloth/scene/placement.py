@@ -72,6 +72,8 @@ class Start(Table):
         changed = [key for key in ("rotate", "shift", "velocity") if getattr(self, key)]
         if self.frame and changed:
             raise InputError(f"{changed[0]} is given", "a frame has its own x and v")
+        if self.disturb and self.mode:
+            raise InputError("disturb and mode are given", "takes one of them")
         if (self.mode is None) != (self.amplitude is None):
             given, missing = ("mode", "amplitude") if self.mode else ("amplitude", "mode")
             remedy = 'Write, for example: mode = 1, amplitude = "1 mm".'

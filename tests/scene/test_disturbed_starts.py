@@ -103,6 +103,7 @@ def test_check_takes_a_disturbed_start(scene):
         (["start.mode=5000", "start.amplitude=1e-3"], "start.mode"),
         (["start.disturb=0"], "start.disturb"),
         (["start.disturb=1 kg"], "start.disturb"),
+        (["start.disturb=1 mm", *BY_MODE], "start"),
     ],
 )
 def test_what_cannot_be_a_disturbance_is_refused_by_its_key(keys, key, scene):
