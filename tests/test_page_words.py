@@ -56,7 +56,15 @@ def test_all_markdown_together_has_at_most_so_many_words():
     assert sum(counts.values()) <= LIMIT_OF_ALL, sorted(counts.items(), key=lambda item: -item[1])
 
 
-@pytest.mark.parametrize("name", [*BY_HAND, *(n for n in pages() if n.endswith(".rst"))])
+def test_the_readme_begins_with_what_fecloth_does():
+    _, beginning = (ROOT / "README.md").read_text(encoding="utf-8").split("\n\n")[:2]
+    assert beginning.startswith("fecloth computes ")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*(n for n in BY_HAND if n != "README.md"), *(n for n in pages() if n.endswith(".rst"))],
+)
 def test_a_page_begins_with_what_one_can_do_after_it(name):
     title, beginning = (ROOT / name).read_text(encoding="utf-8").split("\n\n")[:2]
     assert re.match(r"# |.*\n=+$", title)
