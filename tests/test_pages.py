@@ -72,6 +72,7 @@ cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25 }
 fabric = { areal_density = 0.2, tensile_stiffness = 1000.0, bending_rigidity = 1e-5 }
 terms = [{ type = "StVK" }, { type = "Gravity" }]
 pins = [{ where = "left" }]
+probes = [{ name = "tip", where = "right" }]
 time = { method = "backward_euler", dt = 0.01, t_end = 0.1 }
 """
 FRONT = f"""

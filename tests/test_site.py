@@ -18,7 +18,7 @@ import pytest
 from filelock import FileLock
 from support.browsers import chromium
 from support.commands import commands_of
-from support.lecture import markdown
+from support.lecture import answer, markdown
 from support.pages import NAMES, ROOT, read
 
 import fecloth as fc
@@ -95,7 +95,8 @@ def test_each_slide_of_the_lecture_is_a_chapter_and_a_notebook(site, pages):
         (link,) = re.findall(r"<a href=\"(\w+\.ipynb)\" download>", text)
         cells = json.loads((site / "lecture" / link).read_text(encoding="utf-8"))["cells"]
         assert [cell["cell_type"] for cell in cells].count("code") >= 3
-        formulas = re.findall(r"(\$\$?)[^$]+\1", markdown(slide))
+        words = markdown(slide) + answer(slide)
+        formulas = re.findall(r"(\$\$?)[^$]+\1", words)
         assert text.count("<math") == len(formulas) > 0, slide
 
 
@@ -193,7 +194,7 @@ QUESTIONS = {  # what is typed: page and words of its answer
     "export to Blender": ("blender.html", "fecloth export out/flag"),
     "which element": ("recommend.html", "Linear triangles (P1) are the default"),
     "why is the report amber": ("runs.html", "came to its end with warnings"),
-    "how to start a cluster": ("studies.html", "dask scheduler --port"),
+    "how to start a cluster": ("studies.html", "dask scheduler --host"),
 }
 
 

@@ -19,6 +19,7 @@ from fecloth.system.system import System
 from fecloth.terms import PlateBending, TensionField
 from fecloth.terms.traits import has_kind, traits_of
 
+LESS_DAMPED = BDF2(), GeneralizedAlpha()  # of order 2, and with dissipation of fast waves only
 LEAST_QUALITY = 0.3  # of a triangle without a doubt; 1 is equilateral, 0.87 half a square
 EDGES_PER_WRINKLE = 4.0  # fewest edges that resolve a wrinkle: two for each half wave
 LEAST_COMPRESSED = 0.2  # part of the area; where less is compressed, wrinkles do not matter
@@ -191,11 +192,8 @@ def find_numerical_damping(run: PlannedRun) -> Iterator[Doubt]:
             f"{100 * lost:.0f} % of the amplitude of a swing over {length:.2g} m per period"
         )
         others = join_accepted(
-            {
-                "BDF2": accepts_method(run.system, BDF2()),
-                "GeneralizedAlpha": accepts_method(run.system, GeneralizedAlpha()),
-                "a smaller dt": True,
-            }
+            {type(method).__name__: accepts_method(run.system, method) for method in LESS_DAMPED}
+            | {"a smaller dt": True}
         )
         remedy = f"Fine if the cloth should settle; otherwise take {others}"
         yield Doubt(DoubtKind.DAMPING, words, remedy)
