@@ -203,7 +203,7 @@ def judge(row: Mapping) -> Row:
     if row["status"] != OK:
         return {**row, "cause": row["cause"].partition("\n")[0]}
     ignored = [DoubtKind.INTERSECTION]
-    if row["time_error"] <= MOST_TIME_ERROR:
+    if row.get("time_error", math.nan) <= MOST_TIME_ERROR:
         ignored.append(DoubtKind.TIME)
     spoiling = (doubt for doubt in doubts_of(row) if doubt.kind.spoils)
     doubts = [doubt for doubt in spoiling if doubt.kind not in ignored]
