@@ -21,8 +21,8 @@ def possible_references(
     The flat coordinates are `vt` with the `reference` "vt", and `v` with "v". Without a
     `reference` they are `vt` if no edge is longer or shorter than in `v` by more than
     `MOST_STRETCH`, and else `v`. A flat `v` is also the second choice, for a `vt` that is cut
-    or overlaps. Where they are `vt`, `v` is the start. It is scaled, too, except with the
-    `reference` "vt", for which the `scale` is that of `vt` alone.
+    or overlaps. Where they are `vt`, `v` is the start. The `scale` is the scale of both
+    `v` and `vt`; with the `reference` "vt" it scales `vt` alone.
 
     Raises `InputError` for "vt" in a file without `vt`, and `MeshError` for a `v` that is not
     flat beside a `vt` of other lengths.

@@ -39,7 +39,9 @@ SMALLEST_INCREMENT = 1 / 64  # of the first one
 LESS_DEVIATION = 0.95
 # The principal stretch of a cloth that holds on to its pins while the rest goes far away.
 FARTHEST_STRETCH = 3.0
-TOO_MUCH_LOAD = "Lower the loads: a balloon of rubber bears its limit pressure and no more."
+TOO_MUCH_LOAD = (
+    "Lower the loads. A balloon of rubber has a limit pressure, above which nothing holds."
+)
 NO_MEMBRANE = "No membrane resists a stretch: add StVK, and pin the cloth."
 # Iterations with the first normal forces of friction, which may be far off. Each of the next
 # passes may take twice as many.

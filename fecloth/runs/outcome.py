@@ -56,8 +56,9 @@ class SceneResult(Result):
     resumes
         Time from which `--resume` goes on [s], or None.
     quantities
-        The answer to each quantity of [interest] and [measured], by its text; without these,
-        where the probes are at the end. {} of a run that has not reached its end.
+        The answer to each quantity of [interest] and [measured], by the text of the
+        quantity; without both tables the places of the probes at the end. A run that has not
+        reached its end has no answers: {}.
     refining
         The words of the command that refines the scene; () where none can.
     """

@@ -375,7 +375,7 @@ def _check_columns(
 ) -> None:
     """Raise `SceneError` for a probe that cannot be bound, or a quantity without a column.
 
-    The quantities are those of [expect], [interest] and [measured].
+    The tables [expect], [interest] and [measured] name these quantities.
     """
     try:
         _ = problem.observer  # made here: that binds all probes, and the columns on request

@@ -101,8 +101,9 @@ class Result:
     accounts
         What the run accounts for, at its end.
     quantities
-        The answer to each quantity that was asked for, by its text; {} of a run that has not
-        reached its end. Without [interest] of a scene: where the probes are at the end.
+        The answer to each quantity that was asked for, by the text of the quantity. Without
+        [interest] in the scene: the places of the probes at the end. A run that has not reached
+        its end has no answers: {}.
     """
 
     state: State
@@ -225,9 +226,9 @@ def run(
     The run also fails after two rows in a row that deform with more kinetic energy than
     `most_growth` times what the start, the loads and the pins have supplied (see `Balance`).
     The `StepFailed` of a run that fails has its `result` so far, without the accounts of its
-    end. Reasons to doubt the result are its `doubts`. Those that spoil an answer, such as an
-    error in time above 5 % or an energy balance that does not close, are its `warnings`. Each
-    of them comes as a `FeclothWarning`, and so does a likely mistake in the set-up.
+    end. Reasons to doubt the result are its `doubts`. Doubts that spoil an answer are its
+    `warnings`: for example an error in time above 5 %, or an energy balance that does not close.
+    Each warning is issued as a `FeclothWarning`, and so is a likely mistake in the set-up.
 
     Raises
     ------

@@ -45,8 +45,8 @@ def write_report(
     frame, obstacles
         The last frame of the run, and its obstacles.
     answers
-        By the name of each quantity: its value with its error in words, and lines below it, of
-        which those that are "" do not show. They are the first tiles.
+        By the name of each quantity: its value with its error in words, and lines below it; an
+        empty line does not show. The answers are the first tiles.
     """
     unit = summary["unit"]
     # The line below the title: how large the run was.

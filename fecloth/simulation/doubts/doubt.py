@@ -9,7 +9,7 @@ from fecloth import validation
 from fecloth.terms.records import remembered
 
 WARNING = "warning"  # an answer of this run may be wrong
-CHECK = "check"  # the user may have made a mistake: said before the run, which does what was asked
+CHECK = "check"  # the set-up may have a mistake; it is said before the run, and the run goes on
 NOTE = "note"
 
 

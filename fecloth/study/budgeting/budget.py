@@ -36,7 +36,7 @@ from fecloth.validation import known as known_name
 from fecloth.validation import whole
 
 MOST_STAGES = 5  # levels, slopes, runs that probe the first order, samples, disturbed starts
-PARTS = ("space", "time", "solver", "start")  # of which the levels tell
+PARTS = ("space", "time", "solver", "start")  # parts of the uncertainty that the levels show
 LEVELS = 3  # of h: the least number that shows an order
 # Samples where the first order does not hold: their standard deviation is then known to a tenth,
 # 1/√(2 · 63).

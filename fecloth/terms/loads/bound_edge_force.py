@@ -171,7 +171,7 @@ def inverse(value):
 def add_following_force(K, w, N, D, H, nodes, load, x, f):
     """f_a += Σ w N_a (|t| F + p t × ν + s t) over the points of each edge.
 
-    K is a tuple with a zero for each node; w (q,), N, D and H (q, k) are those of the
+    K is a tuple with a zero for each node; w (q,), N, D and H (q, k) are arrays of the
     `EdgeRule`, `nodes` (e, k) the triangle of each edge, and `load` (5,) is F, p and s [N/m].
     """
     for e in range(len(nodes)):
