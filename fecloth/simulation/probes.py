@@ -186,7 +186,8 @@ class Observer:
         """Return the columns after a step, with the reactions over it.
 
         `system` has taken the step; by default it is the system of the start. A pin that has let
-        go has the reaction 0. Without a step they are the columns at the start, where reactions are NaN.
+        go has the reaction 0. Without a step they are the columns at the start, where reactions
+        are NaN.
         """
         if old is None or step is None:
             return self._row(self.start, {}, None)

@@ -34,8 +34,8 @@ class EdgeForce:
 
     A dead force is per length of the edge on the flat cloth, and keeps its direction: n and τ
     are taken where the run starts (`System(start=...)`, and flat without it). With `follow` the
-    force is per length of the deformed edge, and follows its n and τ. With the local coordinates ξ along the edge
-    and η into the triangle, t = ∂x/∂ξ, g = ∂x/∂η, m = t × g and ν = m/|m|,
+    force is per length of the deformed edge, and follows its n and τ. With the local coordinates ξ
+    along the edge and η into the triangle, t = ∂x/∂ξ, g = ∂x/∂η, m = t × g and ν = m/|m|,
 
         f_a = ∫ N_a (|t| F + p t × ν + s t) dξ
         K_ab = −∫ N_a (∂_ξ N_b A + ∂_η N_b B) dξ                       not symmetric
