@@ -77,7 +77,6 @@ time = { method = "backward_euler", dt = 0.01, t_end = 0.1 }
 """
 FRONT = f"""
 {MINIMAL}
-probes = [{{ name = "tip", where = "right" }}]
 interest.end = ["tip.z"]
 """
 
