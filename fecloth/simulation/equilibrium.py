@@ -18,6 +18,7 @@ from fecloth.simulation.beyond_curve import area_beyond, doubt_curve
 from fecloth.simulation.doubts.before_run import OF_EQUILIBRIA, find_doubts
 from fecloth.simulation.doubts.doubt import NOTE, Doubt, warnings_of
 from fecloth.simulation.doubts.planned_run import PlannedRun
+from fecloth.simulation.doubts.unseen import find_missed_by_load_steps
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.rest_stability import doubt_jumps, doubt_stability
 from fecloth.system.arguments import check_system
@@ -186,7 +187,10 @@ def equilibrium(
     least = max((term.load_steps for term in system.bound), default=1)
     number = max(load_steps or 1, least)
     planned = PlannedRun(system, start, LoadSteps(number), np.ones(1))
-    foreseen = tuple(find_doubts(planned, OF_EQUILIBRIA))
+    checks = OF_EQUILIBRIA
+    if load_steps:  # else pins and obstacles stand still
+        checks = (*checks, find_missed_by_load_steps)
+    foreseen = tuple(find_doubts(planned, checks))
     _warn(foreseen)
     context = increments.static_context(system, tolerance, max_iterations, solver)
     jumps: tuple[float, ...] = ()

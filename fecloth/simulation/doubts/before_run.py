@@ -33,6 +33,7 @@ OF_RUNS: tuple[Check, ...] = (  # in the order of the warnings
     pins.find_uneven_start,
     course.find_step_beyond_end,
     unseen.find_missed,
+    unseen.find_missed_by_load_steps,
     unseen.find_short_pulses,
 )
 OF_MARCH: tuple[Check, ...] = (jumps.find_motion_jumps,)

@@ -9,10 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fecloth.errors import amount
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun, check_each
 from fecloth.simulation.doubts.signals import ROUND_OFF_OF_SIGNAL, Signal, Span
 from fecloth.simulation.error_control import Adaptive
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.step_times import step_times
 from fecloth.simulation.within_step import LOADS, PINS
@@ -40,6 +42,32 @@ def find_missed(run: PlannedRun) -> Iterator[Doubt]:
     if not run.dt:
         return iter(())
     return check_each(run.signals, _check_for_missed, run.dt)
+
+
+def find_missed_by_load_steps(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt each motion of a static problem whose way the load steps cut short.
+
+    A pin that turns once in one load step is back where it was: nothing has turned.
+    """
+    if not isinstance(run.steps, LoadSteps):
+        return iter(())
+    motions = (signal for signal in run.signals if signal.moves)
+    return check_each(motions, _check_load_steps, run.steps.load_steps)
+
+
+def _check_load_steps(motion: Signal, number: int) -> Doubt | None:
+    """Return a doubt if `number` load steps miss much of a motion."""
+    share, _ = missed_share(motion, 1 / number, motion.span)
+    if not share > LARGEST_MISSED:
+        return None
+    words = (
+        f"{motion.name} turns back or turns round between the ends of {amount(number, 'load step')}: "
+        f"{100 * min(share, 1):.0f} % of it is not seen"
+    )
+    for more in number * 2 ** np.arange(1, HALVINGS_OF_STEP):
+        if _sees(motion, 1 / more, motion.span):
+            return Doubt(DoubtKind.MISSED, words, f"take load_steps >= {more}")
+    return Doubt(DoubtKind.MISSED, words, "take many more load_steps")
 
 
 def _check_for_missed(signal: Signal, dt: float) -> Doubt | None:

@@ -8,13 +8,16 @@ import pytest
 from support.planned import STRIP, along_z, strip, warnings_before
 
 import fecloth as fc
+from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.doubts.signals import find_signals
 from fecloth.simulation.doubts.unseen import (
     _missed_impulse,
     _without_uniform_motion,
     find_missed,
+    find_missed_by_load_steps,
     missed_share,
 )
+from fecloth.simulation.load_steps import LoadSteps
 
 PULSE = "where(t > 0.1013 and t < 0.1018, 300, 0)"
 
@@ -189,3 +192,20 @@ def test_the_share_of_a_missed_impulse_is_exact():
     lines[5] = 1.3
     expected = 0.15 / (2.0 * (1 - 2.0 / 6))
     assert _missed_impulse(g, lines, size) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("number, warned", [(1, True), (3, True), (12, False)])
+def test_load_steps_that_cut_a_turn_short(number, warned):
+    # one load step ends where it begins; the chords of 12 miss (2/3)(1 − cos 15°) = 2 % of a turn
+    cloth = fc.Cloth.rectangle(0.3, 0.05, h=0.05, pattern="right")
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+    turn = fc.Rotation((0.3, 0.025, 0), (1, 0, 0), "2*pi*t")
+    pins = [fc.Pin("left"), fc.Pin("right", rotate=turn)]
+    system = fc.System(cloth, fabric, [fc.StVK()], pins)
+    planned = PlannedRun(system, system.rest(), LoadSteps(number), np.ones(1))
+    doubts = list(find_missed_by_load_steps(planned))
+    assert [doubt.kind for doubt in doubts] == [fc.DoubtKind.MISSED] * warned
+    if number == 1:
+        with pytest.warns(fc.FeclothWarning, match="load_steps >="):
+            end = fc.equilibrium(system, system.rest(), load_steps=1)
+        assert np.allclose(end.x, system.rest().x)  # the flat start: nothing has turned
