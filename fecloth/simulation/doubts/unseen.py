@@ -60,8 +60,9 @@ def _check_load_steps(motion: Signal, number: int) -> Doubt | None:
     share, _ = missed_share(motion, 1 / number, motion.span)
     if not share > LARGEST_MISSED:
         return None
+    steps = amount(number, "load step")
     words = (
-        f"{motion.name} turns back or turns round between the ends of {amount(number, 'load step')}: "
+        f"{motion.name} turns back or turns round between the ends of {steps}: "
         f"{100 * min(share, 1):.0f} % of it is not seen"
     )
     for more in number * 2 ** np.arange(1, HALVINGS_OF_STEP):

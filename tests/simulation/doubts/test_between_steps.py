@@ -194,7 +194,7 @@ def test_the_share_of_a_missed_impulse_is_exact():
     assert _missed_impulse(g, lines, size) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("number, warned", [(1, True), (3, True), (12, False)])
+@pytest.mark.parametrize(("number", "warned"), [(1, True), (3, True), (12, False)])
 def test_load_steps_that_cut_a_turn_short(number, warned):
     # one load step ends where it begins; the chords of 12 miss (2/3)(1 − cos 15°) = 2 % of a turn
     cloth = fc.Cloth.rectangle(0.3, 0.05, h=0.05, pattern="right")
