@@ -23,6 +23,14 @@ PLAIN = {"": 1.0, "-": 1.0, "1": 1.0, "%": 1e-2}  # units of numbers without a d
 DIMENSIONS = {dimension.si: dimension for dimension in reversed(units.DIMENSIONS.values())}
 
 
+def dimension_of(si: str) -> Dimension:
+    """Return the dimension that has this SI unit.
+
+    A unit that is not in the tables can only be written as it is.
+    """
+    return DIMENSIONS.get(si.replace("²", "^2").replace("³", "^3"), Dimension({si: 1.0}))
+
+
 def factor_to_si(name: str, unit: str | None, si: str) -> float:
     """Return the value in SI of the unit of a column.
 
@@ -43,8 +51,7 @@ def factor_to_si(name: str, unit: str | None, si: str) -> float:
             allowed = "its quantity has no unit; write no unit or [%]"
             raise InputError(f"column {name} [{unit}]", allowed)
         return PLAIN[unit or ""]
-    # A unit that is not in the tables can only be written as it is.
-    dimension = DIMENSIONS.get(si.replace("²", "^2").replace("³", "^3"), Dimension({si: 1.0}))
+    dimension = dimension_of(si)
     if not unit:
         raise InputError(f"column {name!r}", f"has no unit; write it as {name} [{dimension.si}]")
     try:

@@ -2,9 +2,13 @@
 
 import math
 
+MOST_DIGITS = 9  # after the first one; what follows is round-off of a computation
+
 
 def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:
     """Return a value and its uncertainty, both to the second digit of the uncertainty.
+
+    Of a value with a power of ten at most `MOST_DIGITS` follow the first digit.
 
     Numbers from 0.001 to 100,000 are decimals, as "1.23 ± 0.12"; other ones have a power of
     ten. Without an uncertainty above 0, or for numbers that are not finite, the value has up to
@@ -20,7 +24,7 @@ def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:
         text = f"{value:.{places}f} ± {uncertainty:.{places}f}"
     else:
         digits = max(_places(uncertainty) - _places(size) + 1, 1)
-        digits = min(digits, 15)  # a double has no more
+        digits = min(digits, MOST_DIGITS)
         text = f"{value:.{digits}e} ± {uncertainty:.1e}"
     return f"{text} {unit}".strip()
 

@@ -9,7 +9,8 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from fecloth.errors import InputError, SceneError, brief, did_you_mean, errors_of, is_number
 from fecloth.fabric.uncertainty import part_of
-from fecloth.quantities.units import LENGTH, TIME
+from fecloth.quantities.columns import dimension_of
+from fecloth.quantities.units import LENGTH, TIME, is_quantity, quantity
 from fecloth.scene.field_types import Name
 from fecloth.scene.table_model import Table, require_exactly_one
 from fecloth.scene.toml_text import flatten_tables
@@ -124,21 +125,33 @@ class Interest(Table):
 def read_measured(table: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Return the measured values and their standard uncertainties, both in SI, by quantity.
 
-    Each entry of the table is a pair: the value, and its uncertainty as a number or as "2 %" of
-    the value. Raise `InputError` for anything else, and for an uncertainty of 0.
+    Each entry of the table is a pair: the value, and its uncertainty, which may also be "2 %" of
+    the value. Both are numbers in SI, or texts with a unit such as "36 mm". Raise `InputError`
+    for anything else, and for an uncertainty of 0.
     """
     measured = {}
-    for name, pair in flatten_tables(table):
+    for name, entry in flatten_tables(table):
+        pair = entry
+        if isinstance(entry, list | tuple):
+            pair = [_in_si(name, value) for value in entry]
         is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0])
         u = part_of(pair[0], pair[1], f"measured {name}") if is_pair else 0.0
         if not (is_number(u) and u > 0):
             allowed = (
                 'must be a value and its standard uncertainty > 0, as [0.036, 0.0005 or "2 %"]'
             )
-            raise InputError(f"measured {name} = {brief(pair)}", allowed)
+            raise InputError(f"measured {name} = {brief(entry)}", allowed)
         text = " ".join(name.split())  # as the text of a quantity: single spaces
         measured[text] = (float(pair[0]), float(u))
     return measured
+
+
+def _in_si(name: str, value: Any) -> Any:
+    """Return a text with a unit of the quantity `name` as a number in SI, others as they are."""
+    if not (isinstance(value, str) and is_quantity(value)):
+        return value
+    dimension = dimension_of(parse_quantity(name).unit())
+    return quantity(f"measured {name}", value, dimension)
 
 
 def _as_tuple(value: Any) -> Any:

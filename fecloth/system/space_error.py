@@ -15,13 +15,15 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.kinematics import deformation_gradient, green_strains
-from fecloth.terms.traits import traits_of
+from fecloth.terms.traits import has_kind, traits_of
 
 LARGEST_ERROR = 0.5  # that the estimate can tell
 NO_STRAIN_BELOW = 1e-12  # such a strain of a cloth is round-off
 NO_STRAIN = "no term stores energy of strain"
 AT_REST = "the cloth is not strained"
-FOLDS = "the cloth folds at the size of its triangles, which decide its shape; take a smaller h"
+FOLDS = "the cloth folds at the size of its triangles, which decide its shape; "
+WITH_BENDING = "take a smaller h"
+WITHOUT_BENDING = "no term resists bending, so that folds are as fine as any mesh: add PlateBending"
 COARSE = f"it is above {100 * LARGEST_ERROR:.0f} % of stress and moment; take a smaller h"
 
 
@@ -111,7 +113,9 @@ def space_error(system: System, state: State) -> SpaceError:
         return SpaceError(math.nan, np.zeros(m), AT_REST)
     relative = math.sqrt(system.sums.total(float(error.sum())) / stored)
     if folds_at_mesh_size(system.cloth, state.x):
-        return SpaceError(math.nan, density, FOLDS)
+        is_stiff = has_kind(system.terms, "bending")
+        remedy = WITH_BENDING if is_stiff else WITHOUT_BENDING
+        return SpaceError(math.nan, density, FOLDS + remedy)
     if not relative < LARGEST_ERROR:
         return SpaceError(math.nan, density, COARSE)
     return SpaceError(relative, density)

@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from fecloth.scene.probe_tables import Expectation, check
+import fecloth as fc
+from fecloth.scene.probe_tables import Expectation, check, read_measured
 
 
 def columns(**given):
@@ -31,3 +32,13 @@ def test_check_compares_at_the_end_and_between_steps():
         assert not verdict.passed
     missed, *_ = check(expect, times, columns(sag=[0, 1, 2.21]), energies)
     assert not missed.passed
+
+
+def test_measured_values_have_units():
+    table = {"tip.z": ["36 mm", "0.5 mm"], "reaction.left.z": ["2 gf", "5 %"], "sag": [0.1, 0.01]}
+    measured = read_measured(table)
+    assert measured["tip.z"] == (0.036, 0.0005)
+    assert measured["reaction.left.z"] == pytest.approx((2 * 0.00980665, 0.05 * 2 * 0.00980665))
+    assert measured["sag"] == (0.1, 0.01)
+    with pytest.raises(fc.InputError, match="units"):
+        read_measured({"tip.z": ["36 N", 0.001]})
