@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.nonlinear.linear_solver import make_linear_solver
@@ -35,6 +36,20 @@ class Error:
     def none(cls, x: np.ndarray) -> "Error":
         """Return an error of zero, of the shape of x (n, 3)."""
         return cls(np.zeros_like(x), np.zeros_like(x))
+
+
+def carry_error(
+    system: System, state: State, seconds: float, error: Error, s: np.ndarray, r: np.ndarray
+) -> Error:
+    """Return the error after so many seconds, by a step of `Transport` about a state.
+
+    s [m/s] and r [m/s²] (n, 3) are added to the errors of x and of v in each second. Raises
+    `SolveFailed` where the matrix of the step is singular.
+    """
+    try:
+        return Transport.at(system, state, seconds, system.symmetric).carry(error, s, r)
+    except IndefiniteMatrix:
+        return Transport.at(system, state, seconds, symmetric=False).carry(error, s, r)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +84,15 @@ class Transport:
     solver: LinearSolver
 
     @classmethod
-    def at(cls, system: System, state: State, seconds: float) -> "Transport":
-        """Prepare a step of this length; raise `SolveFailed` for a matrix without a factor."""
+    def at(cls, system: System, state: State, seconds: float, symmetric: bool) -> "Transport":
+        """Prepare a step of this length; raise `SolveFailed` for a matrix without a factor.
+
+        A solver for matrices that are not symmetric also takes those that are indefinite.
+        """
         h = GAMMA * seconds
         zeros = BlockMatrix.zeros(system.pattern, system.team)
         K = system.assemble(zeros, state, wx=1.0)
-        solver, J, _ = make_linear_solver(system, "auto", system.symmetric)
+        solver, J, _ = make_linear_solver(system, "auto", symmetric)
         J.values[:] = h * h * K.values
         system.project(system.add_tangents(J, state, wv=h, wa=1.0))
         solver.begin(h * h, 1.0, state.x)

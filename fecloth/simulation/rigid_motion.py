@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fecloth.compiled.jit import kernel
-from fecloth.linalg.reductions import mean
+from fecloth.linalg.reductions import mean, rms
 
 # Over the sum of the moments of inertia: below, a body is not turned about that axis.
 LEAST_INERTIA = 1e-12
@@ -32,6 +32,28 @@ def rms_without_rigid(w: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
     turns = inertias > LEAST_INERTIA * inertias.sum()
     turning = ((moment @ axes)[turns] ** 2 / inertias[turns]).sum()
     return math.sqrt(max(yy.trace() - turning, 0.0) / w.sum())
+
+
+def rms_of_deformation(w: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
+    """Return the root mean square distance of two shapes after the rigid motion that fits best.
+
+    It is the least rms of b − R a − c over all rotations R and shifts c (Kabsch 1976, A solution
+    for the best rotation to relate two sets of vectors).
+
+    Parameters
+    ----------
+    w
+        (n,) weights of the nodes, such as their masses.
+    a, b
+        (n, 3) positions of the nodes in both shapes.
+    """
+    p = a - mean(w, a)
+    r = b - mean(w, b)
+    weighted = w[:, None] * r
+    U, _, Vt = np.linalg.svd(weighted.T @ p)
+    U[:, 2] *= np.sign(np.linalg.det(U @ Vt))  # a rotation, no reflection
+    rotation = U @ Vt
+    return rms(w, r - p @ rotation.T)
 
 
 @kernel

@@ -40,7 +40,7 @@ from fecloth.simulation.shapes import Shape, Shapes
 from fecloth.simulation.solves import Solves
 from fecloth.simulation.step_times import with_releases
 from fecloth.simulation.steps import Memory, StepInfo
-from fecloth.simulation.time_error import TimeError
+from fecloth.simulation.time_error import SAFETY, TimeError
 from fecloth.simulation.time_error_words import name_time_error
 from fecloth.simulation.verdict import Verdict
 from fecloth.system.state import State
@@ -185,7 +185,7 @@ class Result:
     def __repr__(self) -> str:
         steps = amount(self.steps, "step")
         t = self.times[-1]
-        remarks = [name_time_error(self.time_error)]
+        remarks = [name_time_error(self.time_error, SAFETY)]
         if self.warnings:
             remarks.append(amount(len(self.warnings), "warning"))
         return f"<Result of {steps} of {self.method} to t = {t:g} s, {', '.join(remarks)}>"

@@ -1,4 +1,4 @@
-"""The error in time of a run, estimated from its positions at a few times."""
+"""The error in time of a run, carried along with its motion as a field."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,13 +11,12 @@ from fecloth.linalg.reductions import rms
 from fecloth.simulation.account import NEVER, Account, Accounts, End, Run
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import MOTION_AT_REST
-from fecloth.simulation.doubts.jumps import NEAR, Jump, find_jumping_motions
-from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.doubts.jumps import NEAR
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.error_transport import Error, Transport
-from fecloth.simulation.rigid_motion import derivative, rms_without_rigid
+from fecloth.simulation.error_transport import Error, carry_error
+from fecloth.simulation.rigid_motion import derivative, rms_of_deformation, rms_without_rigid
 from fecloth.simulation.steps import StepInfo
-from fecloth.simulation.time_error_words import LEAST_STATED, describe_time_error
+from fecloth.simulation.time_error_words import describe_time_error
 from fecloth.simulation.within_step import acceleration
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -25,52 +24,30 @@ from fecloth.terms.contact.bound_contact import BoundContact
 from fecloth.terms.records import remembered
 from fecloth.terms.traits import has_kind
 
-MEAN = math.pi / 2  # peak of |sin| over its mean
+SAFETY = 2.5  # what is stated over the estimate: at least the true error in 9 of 10 runs
+FEWEST_SAMPLES = 50  # of a run
+# Steps between two samples, at least: so one sample costs a twentieth of these steps.
+FEWEST_STEPS = {"implicit": 1, "explicit": 1}
 # Of a gap: so much a barrier gives way under the weight, and no place is sharper.
 GAP_GIVEN_WAY = 0.1
-LARGEST_GAIN = 4.0  # what is carried over the sum of errors; above, small errors have grown
-LARGEST_LOSS = 6.0  # the sum over what is carried; above, the field has missed what happened
 GROWS = (
-    "small errors have grown, as where a cloth buckles, flutters or is hit, and nothing tells "
-    "how far: see whether a run with half the dt ends the same"
+    "small errors have grown, as where a cloth buckles, flutters or is hit: "
+    'error_in_time = "companion" tells how far apart two runs are'
 )
-JUMPS = "a pin or an obstacle jumps, and what follows depends on dt"
 BOUNCES = "the cloth bounces in less than a few steps, and what follows depends on dt"
 HITS = "the cloth hits something, where the method is of first order only"
 LEAST_IMPACT = 0.05  # over the largest kinetic energy: what impacts have taken where they count
-LOOK_AGAIN = 0.15  # of the time so far between two looks at the displacement
 
 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A state, and its energies [J]: see `Balance` and `Ledger`.
-
-    Attributes
-    ----------
-    t, x, v
-        Time [s], positions and velocities (n, 3).
-    step
-        Number of the step after which it was taken.
-    deforming
-        Kinetic energy of the deformation.
-    inside
-        Energy dissipated by damping that a rigid motion does not feel.
-    kinetic
-        The whole kinetic energy.
-    outside
-        Energy taken by the other damping, less what it supplies: a wind that drives the cloth
-        forgets no errors.
-    """
+    """A state of the run: its time t [s], the number of its step, x and v (n, 3)."""
 
     t: float
     step: int
     x: np.ndarray
     v: np.ndarray
-    deforming: float
-    inside: float
-    kinetic: float
-    outside: float
 
 
 @remembered
@@ -79,253 +56,184 @@ class TimeError(Account):
     """The error in time of a run so far.
 
     A method with the drift (q, κ) moves a mode of amplitude A and frequency ω away from the
-    solution by κ dt^q ω^(q + 1) A in each second, in phase or in size. Over all modes, that is
-    κ dt^q times the derivative of x of order p = q + 1, as a mass-weighted root mean square over
-    the nodes. Damping of rate γ forgets earlier errors:
+    solution by κ dt^q ω^(q + 1) A in each second. Over all modes, with p = q + 1, it solves
 
-        de/dt = MEAN κ dt^q |d^p x / dt^p| − γ e,    γ = power dissipated / (4 kinetic energy)
+        dx/dt = v + κ dt^q d^p x/dt^p,    M dv/dt = f + κ dt^q M d^p v/dt^p
 
-    for the rigid part of the derivative and for the rest, the deformation, apart. Damping that a
-    rigid motion does not feel forgets errors of the deformation only, with the kinetic energy of
-    the deformation. x is seen from pins that move. Jumps of loads are added: see `kick_length`.
+    in place of the equations of motion: the first term of its modified equation (Hairer, Lubich
+    and Wanner 2006, Geometric Numerical Integration, chapter IX). The difference of both motions
+    is the error. It moves on by the equations that are linear about the motion, see `Transport`,
+    from sample to sample. The derivatives are divided differences of the last p + 1 samples; x
+    is seen from pins that move, whose motion has no error. A load that jumps inside a step adds
+    an error of v, see `_kicked`.
 
-    This sum is too large where errors cancel each other, and too small where they grow. Where
-    the method solves systems, `Transport` moves the same error on with the cloth, as a field.
-    It is too small where lost energy changes the mean motion. The geometric mean of both is
-    stated. Below the sum over LARGEST_LOSS the field has missed waves between its samples: the
-    sum is stated. Above LARGEST_GAIN times the sum the errors grow, as in a cloth that buckles:
-    there is no estimate. There is none where a pin jumps, and after impacts where they count:
-    see `find_hits`.
+    Samples are taken so often that the fastest waves that they show have an error as large as
+    their amplitude: waves that are faster are lost anyway. Such a wave has at most the
+    divided difference (2/τ)^p A over times τ apart, so that
 
-    A mode cannot be off by more than 2 A. The derivative is therefore a divided difference over
-    times τ apart, at most (2/τ)^p A for a mode of any frequency, with
+        (2/τ)^p κ dt^q T = 2
 
-        (2/τ)^p κ ∫ dt^q dt = 2
+    for the time T since the start. There are at least FEWEST_SAMPLES of a run.
 
-    so that positions are needed every τ only, which grows with time. (For τ, dt is the dt of the
-    present, so that a short motion after a long rest is not passed over.) The largest e so far
-    over the largest displacement, rigid motion included, is the relative error; the largest e of
-    the deformation [m] is the same for every observer.
+    Stated is the largest rms of the error of x, weighted by mass, times SAFETY over the largest
+    rms displacement; of the deformation the same without rigid motions. It is at most 1: then
+    the steps do not resolve the motion, or small errors grow. There is no estimate for a method
+    without these constants, before p steps, for a cloth at rest, on several processes, and
+    after impacts where they count: see `find_hits`.
 
     Attributes
     ----------
     opening
-        (n, 3) positions before the first step.
-    start
         The sample before the first step.
     recent
         The last p + 1 samples.
+    error
+        The error of x [m] and v [m/s] at the last sample.
     lag
-        κ ∫ dt^q dt up to the last of them [s^p].
-    inner, rigid
-        e of the deformation and of the rigid motion there [m].
-    deforming, largest
-        The largest e of the deformation so far, and of both together [m].
-    kick, kicked
-        What jumps of loads have given too much or too little: rms velocity [m/s], and since
-        when [s].
-    error, carried
-        By `Transport`: the error of the drift and of the jumps, and its largest rms of x [m].
+        κ ∫ dt^q dt since the error was last moved on [s^p].
+    carried
+        Time up to which it has been moved on [s].
+    whole, deforming
+        Its largest rms, and without its rigid part [m].
+    moved, deformed
+        The largest rms displacement, and the largest without rigid motion [m].
     fastest
-        Largest kinetic energy of the samples [J].
-    moved, looked
-        Largest rms displacement [m], and the time of the last look at it [s].
+        The largest kinetic energy of the samples [J].
+    kicked
+        Time of the first jump of a load, infinite without any [s].
     due
         Number of the step of the next sample.
-    relative
-        At the end: the error over the largest displacement, NaN without an estimate.
+    relative, relative_of_deformation
+        At the end: what is stated, NaN without an estimate.
     sentence
         The same in words.
     unknown
         Why there is no estimate, or "".
-    jumps
-        Jumps of motions.
     """
 
     name = "time_error"
-    opening: np.ndarray
-    start: Sample
+    opening: Sample
     recent: tuple[Sample, ...]
+    error: Error
+    carried: float
     lag: float = 0.0
-    inner: float = 0.0
-    rigid: float = 0.0
+    whole: float = 0.0
     deforming: float = 0.0
-    largest: float = 0.0
-    kick: float = 0.0
-    kicked: float = math.inf
-    error: Error | None = None
-    carried: float = 0.0
-    fastest: float = 0.0
     moved: float = 0.0
-    looked: float = 0.0
+    deformed: float = 0.0
+    fastest: float = 0.0
+    kicked: float = math.inf
     due: int = 0
     relative: float = math.nan
+    relative_of_deformation: float = math.nan
     sentence: str = ""
     unknown: str = ""
-    jumps: tuple[Jump, ...] = ()
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "TimeError":
-        start = _sample(run.system, run.start, run.step, others)
-        return cls(run.start.x, start, (start,), looked=start.t)
+        opening = Sample(run.start.t, run.step, run.start.x, run.start.v)
+        never = drift_of(run.method.traits) is None or not run.system.is_whole
+        due = NEVER if never else 0
+        return cls(opening, (opening,), Error.none(run.start.x), run.start.t, due=due)
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "TimeError":
         """Return the estimate after a step: nearly always the same object."""
         if info.step < self.due:
             return self
-        return self._after(run, info.result.state, info.step, others)
+        return self.sampled(run, info.result.state, info.step, others[Ledger].kinetic)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "TimeError":
-        """Return the record with the relative error, or with why there is none."""
+        """Return the record with the relative errors, or with why there are none."""
         after = self
-        system = run.system
-        t = end.state.t
-        if t > self.recent[-1].t:
-            after = self._after(run, end.state, end.step, others)
-        after = after._looked(system.diagonal_mass, end.state)
-        after = after.changed(
-            jumps=find_jumping_motions(system, replace(run.start, t=self.start.t), t)
+        if end.state.t > self.recent[-1].t and self.due != NEVER:
+            after = self.sampled(run, end.state, end.step, others[Ledger].kinetic)
+        after = after.changed(unknown=after.unknown or after.find_hits(run, others))
+        is_known = after.has_estimate(run.system, run.method.traits)
+        relative, of_deformation = (
+            after.relative_errors(run.system) if is_known else (math.nan,) * 2
         )
-        unknown = after.unknown or after._find_unknown(system, t) or after.find_hits(run, others)
-        after = after.changed(unknown=unknown)
-        error = after.relative_error(system, run.method.traits, t)
-        latest = after.recent[-1]
         dt = math.nan
-        if latest.step > self.start.step:
-            dt = _mean_step(self.start, latest)
-        is_cause = after.kick_length(system, t) > after.largest
-        sentence = describe_time_error(error, run.method, dt, after.kicked, is_cause, unknown)
-        return after.changed(relative=error, sentence=sentence)
-
-    def _after(self, run: Run, state: State, step: int, others: Accounts) -> "TimeError":
-        """Return the estimate with a sample of the state after a step."""
-        sample = _sample(run.system, state, step, others)
-        kicked = self._kicked(run, state, sample)
-        return kicked.sampled(run.system, run.method.traits, state, sample)
+        if after.recent[-1].step > self.opening.step:
+            dt = _mean_step(self.opening, after.recent[-1])
+        sentence = describe_time_error(relative, SAFETY, run.method, dt, self.kicked, after.unknown)
+        return after.changed(
+            relative=relative, relative_of_deformation=of_deformation, sentence=sentence
+        )
 
     def summary(self) -> dict[str, object]:
-        is_known = not math.isnan(self.relative)
-        return {
-            "time_error": self.relative if is_known else None,
-            "deformation_error": self.deforming if is_known else None,
-            "time_error_in_words": self.sentence,
-        }
+        errors = {"time_error": self.relative, "deformation_error": self.relative_of_deformation}
+        known = {key: None if math.isnan(error) else error for key, error in errors.items()}
+        return {**known, "time_error_in_words": self.sentence}
 
-    def sampled(
-        self, system: System, traits: MethodTraits, state: State, sample: Sample
-    ) -> "TimeError":
+    def sampled(self, run: Run, state: State, step: int, kinetic: float) -> "TimeError":
         """Return the estimate with one more sample, and the step of the next one."""
-        drift = drift_of(traits)
-        if drift is None:
-            return self.changed(due=NEVER)
+        system = run.system
+        drift = drift_of(run.method.traits)
+        assert drift
         q, constant = drift
-        recent = (*self.recent, sample)[-(q + 2) :]
-        old, new = recent[-2:]
-        dt = _mean_step(old, new)
-        lag = constant * dt**q * (new.t - old.t)
-        total = self.lag + lag
-        after = self
-        if len(recent) == q + 2:
-            begin = old
-            added = lag
-            if len(self.recent) < q + 2:  # the first derivative stands for all time before
-                begin = self.start
-                added = total
-            after = after._summed(system, state, recent, added)
-            if not traits.explicit and system.is_whole and not system.dense(state):
-                after = after._moved_on(system, state, recent, begin, added)
-        steps_to_next = math.ceil(self._apart(q, constant, dt, new.t) / dt - 1e-6)
-        after = after.changed(
+        new = Sample(state.t, step, state.x, state.v)
+        recent = (*self.recent, new)[-(q + 2) :]
+        dt = _mean_step(*recent[-2:])
+        lag = self.lag + constant * dt**q * (new.t - recent[-2].t)
+        apart = _time_apart(q, constant, dt, new.t - self.opening.t)
+        apart = min(apart, (run.t_end - self.opening.t) / FEWEST_SAMPLES)
+        kind = "explicit" if run.method.traits.explicit else "implicit"
+        after = self._kicked(run, state, new).changed(
             recent=recent,
-            lag=total,
-            fastest=max(self.fastest, sample.kinetic),
-            due=sample.step + steps_to_next,
+            lag=lag,
+            moved=max(self.moved, rms(system.diagonal_mass, state.x - self.opening.x)),
+            deformed=max(
+                self.deformed, rms_of_deformation(system.diagonal_mass, self.opening.x, state.x)
+            ),
+            fastest=max(self.fastest, kinetic),
+            due=step + max(FEWEST_STEPS[kind], math.ceil(apart / dt - 1e-6)),
         )
-        next_look = self.looked + LOOK_AGAIN * (self.looked - self.start.t)
-        if new.t < next_look:
+        if len(recent) < q + 2 or self.unknown:
             return after
-        return after._looked(system.diagonal_mass, state)
+        return after._moved_on(run, state, dt)
 
-    def _summed(self, system: System, state: State, recent, lag: float) -> "TimeError":
-        """Return the estimate with what a `lag` κ ∫ dt^q dt adds to e, and what e forgets."""
-        old, new = recent[-2:]
-        mass = system.diagonal_mass
-        times = [sample.t for sample in recent]
-        places = [sample.x for sample in recent]
-        y = _seen_from_pins(system, derivative(times, places))
-        rate = rms_without_rigid(mass, state.x, y)
-        rate_of_rigid = math.sqrt(max(0.0, rms(mass, y) ** 2 - rate**2))
-        outer = _decay(new.outside - old.outside, old.kinetic + new.kinetic)
-        decay = outer + _decay(new.inside - old.inside, old.deforming + new.deforming)
-        inner = _add_forgetting(self.inner, rate * (MEAN * lag), decay)
-        rigid = _add_forgetting(self.rigid, rate_of_rigid * (MEAN * lag), outer)
-        deforming = max(self.deforming, inner)
-        largest = max(self.largest, math.hypot(inner, rigid))
-        return self.changed(inner=inner, rigid=rigid, deforming=deforming, largest=largest)
-
-    def _moved_on(self, system: System, state: State, recent, begin, lag: float) -> "TimeError":
-        """Return the estimate with the error moved on by `Transport` since the sample `begin`.
+    def _moved_on(self, run: Run, state: State, dt: float) -> "TimeError":
+        """Return the estimate with the error moved on to the last sample.
 
         On this way the method adds the error of a `lag` κ ∫ dt^q dt, evenly: s [m/s] to the
         error of x, and r [m/s²] to the error of v, in each second.
         """
-        if self.unknown:
-            return self
-        seconds = state.t - begin.t
-        parts = len(recent) - 1
-        if begin is recent[-2]:
-            parts = 1
-        times = [sample.t for sample in recent]
-        s = lag / seconds * derivative(times, [sample.x for sample in recent])
-        r = lag / seconds * derivative(times, [sample.v for sample in recent])
-        error = self.error or Error.none(s)
+        system = run.system
+        middle = self.recent[-2]
+        state = State(middle.t, middle.x, middle.v)
+        end = 0.5 * (middle.t + self.recent[-1].t)
+        seconds = end - self.carried
+        times = [sample.t for sample in self.recent]
+        s = derivative(times, [sample.x for sample in self.recent])
+        r = derivative(times, [sample.v for sample in self.recent])
+        rate = self.lag / seconds
         try:
-            transport = Transport.at(system, state, seconds / parts)
-            for _ in range(parts):
-                error = transport.carry(error, s, r)
+            error = carry_error(system, state, seconds, self.error, rate * s, rate * r)
         except SolveFailed:
             return self.changed(unknown=GROWS)
-        carried = max(self.carried, rms(system.diagonal_mass, error.x))
-        return self.changed(error=error, carried=carried)
+        seen = error.x + _offset(run.method.traits, dt) * state.v
+        mass = system.diagonal_mass
+        return self.changed(
+            error=error,
+            carried=end,
+            lag=0.0,
+            whole=max(self.whole, rms(mass, seen)),
+            deforming=max(self.deforming, rms_without_rigid(mass, state.x, seen)),
+        )
 
-    def relative_error(self, system: System, traits: MethodTraits, t: float) -> float:
-        """Return the error up to t, over the largest displacement; NaN for no estimate.
-
-        Where the error of a step is of a lower order than its drift, as with symplectic Euler,
-        c dt |v| is added: such an error does not grow with time. There is no estimate for a
-        method without these constants, before p steps, and for a cloth at rest.
-
-        The sum of errors is too large where errors cancel, and the error that `Transport` has
-        carried is too small where lost energy changes the mean motion: their geometric mean is
-        taken. A carried error far below the sum has missed waves, and does not count.
-        """
-        if (drift := drift_of(traits)) is None or self.unknown:
-            return math.nan
+    def has_estimate(self, system: System, traits: MethodTraits) -> bool:
+        """Return whether the run has moved, and long enough for an estimate."""
+        if self.unknown or not self.whole or self.due == NEVER:
+            return False
         gaps = (term.gap for term in system.bound if isinstance(term, BoundContact))
         still = max(MOTION_AT_REST * system.cloth.extent, GAP_GIVEN_WAY * min(gaps, default=0.0))
-        if len(self.recent) < drift[0] + 2 or self.moved <= still:
-            return math.nan
-        length = self._sum(system, t)
-        if traits.order < drift[0] and traits.error_constant is not None:
-            dt = _mean_step(self.start, self.recent[-1])
-            length += traits.error_constant * dt * self._speed(system)
-        if self.carried > length / LARGEST_LOSS:
-            length = math.sqrt(length * self.carried)
-        return length / self.moved
+        return self.moved > still
 
-    def _sum(self, system: System, t: float) -> float:
-        """Return the largest e up to t, with what jumps of loads have added [m]."""
-        return math.hypot(self.largest, self.kick_length(system, t))
-
-    def _speed(self, system: System) -> float:
-        """Return the largest rms speed of the samples [m/s]."""
-        return math.sqrt(2 * self.fastest / system.total_mass)
-
-    def _find_unknown(self, system: System, t: float) -> str:
-        """Return why there is no estimate at the end of the run, or ""."""
-        if self.carried > max(LARGEST_GAIN * self._sum(system, t), LEAST_STATED * self.moved):
-            return GROWS
-        return JUMPS if self.jumps else ""
+    def relative_errors(self, system: System) -> tuple[float, float]:
+        """Return what is stated of the whole motion and of the deformation, at most 1."""
+        whole = min(1.0, SAFETY * self.whole / self.moved)
+        deforms = self.deformed > MOTION_AT_REST * system.cloth.extent
+        return whole, min(1.0, SAFETY * self.deforming / self.deformed) if deforms else math.nan
 
     def find_hits(self, run: Run, others: Accounts) -> str:
         """Return why impacts leave no estimate, or "".
@@ -345,50 +253,37 @@ class TimeError(Account):
             return HITS
         return ""
 
-    def kick_length(self, system: System, t: float) -> float:
-        """Return how far jumps of loads have moved the cloth away from the solution at t [m].
-
-        A wrong velocity δ moves it by δ times the time since, or by δ/ω at most in a motion of
-        frequency ω, the largest speed over the largest displacement.
-        """
-        if not self.kick:
-            return 0.0
-        return self.kick * min(t - self.kicked, self.moved / max(self._speed(system), 1e-300))
-
-    def _kicked(self, run: Run, state: State, sample: Sample) -> "TimeError":
+    def _kicked(self, run: Run, state: State, new: Sample) -> "TimeError":
         """Return the estimate with the jumps of loads since the last sample.
 
         A step ends up to dt beside a jump Δa of the acceleration and errs by up to dt Δa/2 in
         the velocity, by dt Δa/4 on average. Errors of several jumps add up as random ones.
         """
         last = self.recent[-1]
-        drift = drift_of(run.method.traits)
-        if not sample.t > last.t or drift is None:
-            return self
         since = last.t if len(self.recent) > 1 else -math.inf  # also what jumps at the start
-        times = run.load_jumps[(run.load_jumps > since) & (run.load_jumps <= sample.t)]
-        if not len(times):
-            return self
-        dt = _mean_step(last, sample)
-        jumps = [(t, _change_at(run, state, t)) for t in times.tolist()]
-        error = self.error or Error.none(state.x)
-        kick = self.kick
-        begin = last.t  # from where `_moved_on` moves the error
-        if len(self.recent) < drift[0] + 2:
-            begin = self.start.t
-        for t, change in jumps:
-            kick = math.hypot(kick, 0.25 * dt * rms(run.system.diagonal_mass, change))
-            more = _as_random(error.v, 0.25 * dt * change)
-            error = Error(error.x - (t - begin) * more, error.v + more)
-        return self.changed(error=error, kick=kick, kicked=min(self.kicked, jumps[0][0]))
+        times = run.load_jumps[(run.load_jumps > since) & (run.load_jumps <= new.t)].tolist()
+        error = self.error
+        for t in times:
+            kick = 0.25 * _mean_step(last, new) * _change_at(run, state, t)
+            more = _as_random(error.v, kick)
+            error = Error(error.x - (t - self.carried) * more, error.v + more)
+        return self.changed(error=error, kicked=min([self.kicked, *times]))
 
-    def _apart(self, q: int, constant: float, dt: float, t: float) -> float:
-        """Return τ [s] for steps of the present size from the start on."""
-        return (2**q * constant * dt**q * (t - self.start.t)) ** (1 / (q + 1))
 
-    def _looked(self, mass: np.ndarray, state: State) -> "TimeError":
-        moved = rms(mass, state.x - self.opening)
-        return self.changed(moved=max(self.moved, moved), looked=state.t)
+def _offset(traits: MethodTraits, dt: float) -> float:
+    """Return c dt [s]: x is off by c dt v where steps have a lower order than their drift.
+
+    Symplectic Euler is such a method. Its error of this kind does not grow with time.
+    """
+    drift = drift_of(traits)
+    if drift and traits.order < drift[0] and traits.error_constant is not None:
+        return traits.error_constant * dt
+    return 0.0
+
+
+def _time_apart(q: int, constant: float, dt: float, seconds: float) -> float:
+    """Return the time τ [s] between samples, `seconds` after the start: see `TimeError`."""
+    return (2**q * constant * dt**q * seconds) ** (1 / (q + 1))
 
 
 def _change_at(run: Run, state: State, t: float) -> np.ndarray:
@@ -404,50 +299,6 @@ def _as_random(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (math.hypot(1.0, share) - share) * b
 
 
-def _sample(system: System, state: State, step: int, others: Accounts) -> Sample:
-    """Return the sample of a state after the step of this number."""
-    ledger = others[Ledger]
-    deforming = others[Balance].deforming
-    supplied = sum(ledger.work.get(name, 0.0) for name in ledger.resisting)
-    return Sample(
-        t=state.t,
-        step=step,
-        x=state.x,
-        v=state.v,
-        deforming=deforming,
-        inside=ledger.lost_inside,
-        kinetic=ledger.kinetic,
-        outside=ledger.lost_outside - supplied,
-    )
-
-
-def _seen_from_pins(system: System, x: np.ndarray) -> np.ndarray:
-    """Return x (n, 3) as seen from pins that move: a method makes no error in their motion."""
-    moved = [nodes for pin, nodes in system.constraints.groups.values() if pin.moves]
-    if moved:
-        return x - x[np.concatenate(moved)].mean(axis=0)
-    return x
-
-
 def _mean_step(a: Sample, b: Sample) -> float:
     """Return the mean size of the steps between two samples [s]."""
     return (b.t - a.t) / (b.step - a.step)
-
-
-def _add_forgetting(length: float, added: float, decay: float) -> float:
-    """Return e [m] after a time in which it decays by e^(−decay), with errors added evenly."""
-    share_that_stays = 1.0
-    if decay > 1e-9:
-        share_that_stays = -math.expm1(-decay) / decay
-    return length * math.exp(-decay) + added * share_that_stays
-
-
-def _decay(lost: float, moving: float) -> float:
-    """Return γ times the time between two samples, from the energy lost between them [J].
-
-    It is that energy over 4 times the mean kinetic energy. `moving` is the sum of the kinetic
-    energies of both samples [J].
-    """
-    if lost > 0:
-        return lost / max(2 * moving, 1e-3 * lost)
-    return 0.0

@@ -1,12 +1,11 @@
 """The one doubt about a motion as a whole, at the end of a run: the cause, not what follows."""
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
-from fecloth.simulation.doubts.jumps import LEAST_JUMP, Jump
+from fecloth.simulation.doubts.jumps import LEAST_JUMP, Jump, find_jumping_motions
 from fecloth.simulation.energy_balance import (
     Balance,
     doubt_balance,
@@ -18,8 +17,7 @@ from fecloth.simulation.time_error import TimeError
 from fecloth.terms.records import remembered
 from fecloth.terms.traits import has_kind
 
-# Error in time without a doubt: half of what is wrong, as an estimate may be half of the error.
-LARGEST_ACCEPTED = 0.05
+LARGEST_ACCEPTED = 0.1  # what the error in time is at most without a doubt
 # The same for steps that do not solve their equations: it has been 12 times too small.
 LARGEST_OF_UNSOLVED = 0.01
 LEAST_JUMP_THAT_COUNTS = 0.05  # over the largest displacement: a smaller jump is not the cause
@@ -43,7 +41,7 @@ class Verdict(Account):
         estimate = others.get(TimeError)
         touches = has_kind(run.system.terms, "contact")
         if estimate and (doubt or touches):  # with contact, what jumps throws the cloth
-            jump = _find_jump(run, estimate, touches)
+            jump = _find_jump(run, end.state.t, estimate, touches)
             doubt = jump.doubt if jump else doubt
         return Verdict(doubt)
 
@@ -65,27 +63,13 @@ def _find_causes(run: Run, others: Accounts) -> Iterator[Doubt]:
         yield gain
     if balance.is_off(run.system, ledger, far=is_small and not touches):
         yield doubt_balance(balance)
-    if estimate and known_error(estimate) > accepted:
+    if estimate and estimate.relative > accepted:
         yield Doubt(DoubtKind.TIME, estimate.sentence)
     if estimate and not is_small and (taken := doubt_dissipation(run, balance, ledger)):
         yield taken
 
 
-def known_error(estimate: TimeError) -> float:
-    """Return the relative error in time, or what is known of one that is not stated.
-
-    That is the geometric mean of the sum of errors and the error that was carried, over the
-    largest displacement, as where it is stated; of explicit methods, the sum.
-    """
-    if not estimate.unknown or not estimate.moved:
-        return estimate.relative
-    known = estimate.largest
-    if estimate.carried:
-        known = math.sqrt(estimate.largest * estimate.carried)
-    return known / estimate.moved
-
-
-def _find_jump(run: Run, estimate: TimeError, touches: bool) -> Jump | None:
+def _find_jump(run: Run, t_end: float, estimate: TimeError, touches: bool) -> Jump | None:
     """Return the first jump of a pin or an obstacle that is large enough to be the cause.
 
     With contact any jump is: an obstacle that jumps throws the cloth, however little it jumps.
@@ -93,4 +77,6 @@ def _find_jump(run: Run, estimate: TimeError, touches: bool) -> Jump | None:
     least = LEAST_JUMP * run.system.cloth.extent
     if not touches:
         least = max(least, LEAST_JUMP_THAT_COUNTS * estimate.moved)
-    return next((jump for jump in estimate.jumps if jump.size > least), None)
+    start = replace(run.start, t=estimate.opening.t)
+    jumps = find_jumping_motions(run.system, start, t_end)
+    return next((jump for jump in jumps if jump.size > least), None)
