@@ -26,8 +26,9 @@ from fecloth.terms.traits import has_kind
 
 SAFETY = 2.5  # what is stated over the estimate: at least the true error in 9 of 10 runs
 FEWEST_SAMPLES = 50  # of a run
-# Steps between two samples, at least: so one sample costs a twentieth of these steps.
-FEWEST_STEPS = {"implicit": 1, "explicit": 1}
+# Steps between two samples of a long run, at least: a sample costs about a twentieth of them.
+IMPLICIT_STEPS, EXPLICIT_STEPS = 6, 1000
+GROWN = 10.0  # over the largest displacement: an error that is no longer moved on
 # Of a gap: so much a barrier gives way under the weight, and no place is sharper.
 GAP_GIVEN_WAY = 0.1
 GROWS = (
@@ -175,9 +176,9 @@ class TimeError(Account):
         recent = (*self.recent, new)[-(q + 2) :]
         dt = _mean_step(*recent[-2:])
         lag = self.lag + constant * dt**q * (new.t - recent[-2].t)
-        apart = _time_apart(q, constant, dt, new.t - self.opening.t)
+        cheap = dt * (EXPLICIT_STEPS if run.method.traits.explicit else IMPLICIT_STEPS)
+        apart = max(cheap, _time_apart(q, constant, dt, new.t - self.opening.t))
         apart = min(apart, (run.t_end - self.opening.t) / FEWEST_SAMPLES)
-        kind = "explicit" if run.method.traits.explicit else "implicit"
         after = self._kicked(run, state, new).changed(
             recent=recent,
             lag=lag,
@@ -186,13 +187,13 @@ class TimeError(Account):
                 self.deformed, rms_of_deformation(system.diagonal_mass, self.opening.x, state.x)
             ),
             fastest=max(self.fastest, kinetic),
-            due=step + max(FEWEST_STEPS[kind], math.ceil(apart / dt - 1e-6)),
+            due=step + math.ceil(apart / dt - 1e-6),
         )
-        if len(recent) < q + 2 or self.unknown:
+        if len(recent) < q + 2 or self.unknown or self.whole > GROWN * after.moved:
             return after
-        return after._moved_on(run, state, dt)
+        return after._moved_on(run, dt)
 
-    def _moved_on(self, run: Run, state: State, dt: float) -> "TimeError":
+    def _moved_on(self, run: Run, dt: float) -> "TimeError":
         """Return the estimate with the error moved on to the last sample.
 
         On this way the method adds the error of a `lag` κ ∫ dt^q dt, evenly: s [m/s] to the
