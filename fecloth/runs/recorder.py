@@ -93,6 +93,7 @@ class Recorder:
             step=0,
             most_growth=MOST_GROWTH,
             t_end=problem.t_end,
+            error_in_time=problem.error_in_time,
         )
         self.files = RunFiles(folder, problem)
         with watch.phase("output"):

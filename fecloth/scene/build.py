@@ -84,6 +84,7 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         steps,
         interest=interest,
         measured=measured,
+        error_in_time=scene.time.error_in_time if scene.time else "none",
         t_end=scene.schedule.t_end,
         unit=scene.schedule.unit,
         newton=scene.solver.make(),

@@ -58,6 +58,9 @@ class Time(Table):
     """The longest chosen step [s]; see `Adaptive`."""
     shortest: Annotated[float | None, TIME] = Field(None, ge=0)
     """No step is made shorter for its error [s]; see `Adaptive`."""
+    error_in_time: Literal["sampled", "companion", "none"] = "sampled"
+    """How the error in time is estimated: from samples of the run; by a second run with other
+    steps beside it, which costs about as much again; or not."""
 
     unit: ClassVar[str] = " s"
 

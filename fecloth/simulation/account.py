@@ -37,6 +37,8 @@ class Run:
         As for `run`.
     t_end
         The end of the run [s].
+    error_in_time
+        As `time_error` of `run`.
     """
 
     system: System
@@ -45,6 +47,7 @@ class Run:
     step: int
     most_growth: float
     t_end: float
+    error_in_time: str = "sampled"
 
     def at(self, t: float) -> "Run":
         """The run with the pins that hold from the time t [s] on."""

@@ -40,7 +40,7 @@ from fecloth.simulation.shapes import Shape, Shapes
 from fecloth.simulation.solves import Solves
 from fecloth.simulation.step_times import with_releases
 from fecloth.simulation.steps import Memory, StepInfo
-from fecloth.simulation.time_error import SAFETY, TimeError
+from fecloth.simulation.time_error import ESTIMATES, TimeError
 from fecloth.simulation.time_error_words import name_time_error
 from fecloth.simulation.verdict import Verdict
 from fecloth.system.state import State
@@ -139,13 +139,19 @@ class Result:
 
     @property
     def time_error(self) -> float:
-        """Error of x in time, relative to the largest displacement, as far as the steps tell it.
+        """What the error of x in time is at most, relative to the largest displacement.
 
-        From 0.3 on it says only that they do not resolve the motion. NaN where there is no
-        estimate: see `TimeError`.
+        1 says only that the steps do not resolve the motion, or that small errors grow. NaN
+        where there is no estimate: see `TimeError`.
         """
         error = self.accounts.get(TimeError)
         return error.relative if error else math.nan
+
+    @property
+    def deformation_error(self) -> float:
+        """The same of the deformation: without rigid motions."""
+        error = self.accounts.get(TimeError)
+        return error.relative_of_deformation if error else math.nan
 
     @property
     def space_error(self) -> float:
@@ -185,7 +191,7 @@ class Result:
     def __repr__(self) -> str:
         steps = amount(self.steps, "step")
         t = self.times[-1]
-        remarks = [name_time_error(self.time_error, SAFETY)]
+        remarks = [name_time_error(self.time_error)]
         if self.warnings:
             remarks.append(amount(len(self.warnings), "warning"))
         return f"<Result of {steps} of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
@@ -213,6 +219,7 @@ def run(
     memory: Memory | None = None,
     report: Callable[[StepInfo], None] = lambda info: None,
     rows: int = ROWS,
+    time_error: str = "sampled",
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
@@ -222,6 +229,11 @@ def run(
     has about that many rows, evenly spread, and the rows that the error in time needs. This is
     so for `CentralDifference` at a fixed or stable dt, with terms and pins that need no Python.
     The steps, and the sums in the ledger, are the same as with single steps.
+
+    The error in time is estimated from samples of the run (`time_error` "sampled", see
+    `SampledError`), or by a second run beside it ("companion", see `Companion`), which costs
+    about as much as the run again and also tells what becomes of small errors that grow; or
+    not at all ("none").
 
     The run also fails after two rows in a row that deform with more kinetic energy than
     `most_growth` times what the start, the loads and the pins have supplied (see `Balance`).
@@ -248,6 +260,7 @@ def run(
     refuse_arguments(system, method, state, newton, most_stretch)
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
     validation.whole("rows", rows, 1, "run")
+    validation.known(f"time_error = {time_error!r}", time_error, (*ESTIMATES, "none"), "run")
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = state
     if memory:
@@ -293,6 +306,7 @@ def run(
         next_row=recording.rows_at_least(rows, opening.t, end),
         step=before.step,
         interest=places_of(probes),
+        time_error=time_error,
     )
     _warn(result.doubts[len(foreseen) :])
     return result
@@ -320,6 +334,7 @@ def collect(
     step: int = 0,
     interest: Iterable[Quantity] = (),
     measured: Mapping[str, tuple[float, float]] | None = None,
+    time_error: str = "sampled",
 ) -> Result:
     """Take all steps of `march` and return what was recorded of them.
 
@@ -330,7 +345,7 @@ def collect(
     """
     begin = time.perf_counter()
     seconds = Counter[str]()
-    of_run = Run(system, method, observer.start, step, most_growth, t_end)
+    of_run = Run(system, method, observer.start, step, most_growth, t_end, time_error)
     kinds = list_accounts(is_static=isinstance(method, LoadSteps))
     accounts = Accounts.begin(kinds, of_run, ledger)
     state = observer.start

@@ -61,6 +61,8 @@ class Setup:
         The quantities for which it runs; None: where the probes are at the end.
     measured
         Measured values and their standard uncertainties, by the texts of quantities.
+    error_in_time
+        As `time_error` of `run`.
     like
         A setup whose bound probes serve here too, where cloth and probes are the same, and its
         ledger, where system and start are.
@@ -78,6 +80,7 @@ class Setup:
     memory: Memory | None = None
     interest: tuple[Quantity, ...] | None = None
     measured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    error_in_time: str = "sampled"
     like: "Setup | None" = None
 
     @property
@@ -234,4 +237,5 @@ class Setup:
             next_row=next_row,
             interest=self.asked,
             measured=self.measured,
+            time_error=self.error_in_time,
         )

@@ -9,39 +9,38 @@ PROPOSED_ERROR = 0.01  # for which a step is proposed, where the bound is larger
 LEAST_STATED = 1e-5  # a smaller bound is reported as below it
 
 
-def describe_time_error(
-    most: float, safety: float, method, dt: float, jump: float = math.inf, unknown: str = ""
-) -> str:
+def describe_time_error(most: float, estimate, method, dt: float, unknown: str = "") -> str:
     """Return a sentence about the relative error in time of a run.
 
     Parameters
     ----------
     most
-        What the error is at most, by `TimeError` or a companion; NaN for no estimate.
-    safety
-        This bound over the estimate.
+        What the error is at most; NaN for no estimate.
+    estimate
+        The `SampledError` or the `Companion` that it is by. Where a load has jumped, it may have
+        jumped inside any other step: the error is taken as one of order 1.
     method
         The method, or the choice of its steps.
     dt
         The mean size of the steps [s].
-    jump
-        Time at which a load first jumps [s]. The jump may fall inside any other step: the error
-        is taken as one of order 1.
     unknown
         Why there is no estimate, or "".
     """
     if unknown:
         return f"error in time: not known, because {unknown}"
+    words = name_time_error(most, estimate.safety)
+    if estimate.safety == 1.0 and not math.isnan(most):
+        words += f" (a run with other steps is {estimate.whole:.2g} m away, at most)"
     if most >= LARGEST_STATED:
         finer = "rtol" if isinstance(method, Adaptive) else "dt"
-        return f"{name_time_error(most, safety)}; take a smaller {finer}"
+        return f"{words}; take a smaller {finer}"
     if not most > PROPOSED_ERROR:
-        return name_time_error(most, safety)
-    order = 1 if jump < math.inf else method.traits.order
-    return name_time_error(most, safety) + _proposal(most, method, dt, order)
+        return words
+    order = 1 if estimate.kicked < math.inf else method.traits.order
+    return words + _proposal(most, method, dt, order)
 
 
-def name_time_error(most: float, safety: float) -> str:
+def name_time_error(most: float, safety: float = 1.0) -> str:
     """Return how large an error in time is, and at most, in words."""
     if math.isnan(most):
         return "error in time: no estimate"
@@ -49,6 +48,8 @@ def name_time_error(most: float, safety: float) -> str:
         return "error in time: not resolved, or small errors have grown"
     if most < LEAST_STATED:
         return f"error in time below {100 * LEAST_STATED:g} % of the motion"
+    if safety == 1.0:
+        return f"error in time at most {100 * most:.2g} % of the motion"
     return f"error in time {100 * most / safety:.2g} % of the motion (at most {100 * most:.2g} %)"
 
 

@@ -77,6 +77,6 @@ def _find_jump(run: Run, t_end: float, estimate: TimeError, touches: bool) -> Ju
     least = LEAST_JUMP * run.system.cloth.extent
     if not touches:
         least = max(least, LEAST_JUMP_THAT_COUNTS * estimate.moved)
-    start = replace(run.start, t=estimate.opening.t)
+    start = replace(run.start, t=estimate.start[0])
     jumps = find_jumping_motions(run.system, start, t_end)
     return next((jump for jump in jumps if jump.size > least), None)
