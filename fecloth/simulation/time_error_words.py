@@ -4,7 +4,7 @@ import math
 
 from fecloth.simulation.error_control import Adaptive
 
-LARGEST_STATED = 1.0  # bound from which on the steps do not resolve the motion
+LARGEST_STATED = 0.5  # bound from which on the steps do not resolve the motion
 PROPOSED_ERROR = 0.01  # for which a step is proposed, where the bound is larger
 LEAST_STATED = 1e-5  # a smaller bound is reported as below it
 

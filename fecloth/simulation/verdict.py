@@ -18,8 +18,8 @@ from fecloth.terms.records import remembered
 from fecloth.terms.traits import has_kind
 
 LARGEST_ACCEPTED = 0.1  # what the error in time is at most without a doubt
-# The same for steps that do not solve their equations: it has been 12 times too small.
-LARGEST_OF_UNSOLVED = 0.01
+# The same for steps that do not solve their equations: it has been 4 times too small.
+LARGEST_OF_UNSOLVED = 0.025
 LEAST_JUMP_THAT_COUNTS = 0.05  # over the largest displacement: a smaller jump is not the cause
 
 

@@ -42,7 +42,7 @@ def test_a_resolved_run_says_its_error_and_the_step_for_one_per_cent(run):
     log, page, summary = words_of(outcome)
     words = summary["time_error_in_words"]
     assert 0.01 < summary["time_error"] < 0.1
-    assert words.startswith("error in time about")
+    assert "of the motion (at most" in words
     assert "would give 1 %" in words
     assert words in log
     assert words in finished_message(outcome)
@@ -55,7 +55,10 @@ def test_a_run_that_resolves_nothing_warns(run):
     outcome = run("time.dt=0.02", "time.t_end=0.2", warn=warned.append)
     log, page, summary = words_of(outcome)
     assert summary["time_error"] > 0.3
-    assert summary["time_error_in_words"] == "error in time: not resolved; take a smaller dt"
+    assert (
+        summary["time_error_in_words"]
+        == "error in time: not resolved, or small errors have grown; take a smaller dt"
+    )
     assert "warning: error in time: not resolved" in log
     assert "not resolved" in page
     assert len(summary["warnings"]) == 1  # numerical dissipation is no cause of its own
@@ -86,4 +89,10 @@ def test_the_same_in_python(run):
     start = system.state(np.column_stack([1.02 * X, 1.02 * Y, 0 * X]), v)
     result = fc.run(system, fc.BDF2(), start, 0.001, 0.1)
     assert result.time_error == pytest.approx(outcome.summary["time_error"], rel=0.02)
-    assert "error in time about" in repr(result)
+    assert "error in time at most" in repr(result)
+
+
+def test_a_scene_names_the_estimate(run):
+    outcome = run("time.error_in_time='companion'")
+    assert "a run with other steps is" in words_of(outcome)[2]["time_error_in_words"]
+    assert run("time.error_in_time='none'", name="none").summary["time_error"] is None

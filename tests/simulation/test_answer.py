@@ -44,7 +44,7 @@ def test_entries_of_summary_json_have_none_for_what_is_not_known():
 
 
 def error_in_time(relative, moved):
-    error = TimeError(np.zeros((3, 3)), None, ()).changed(relative=relative, moved=moved)
+    error = TimeError(np.zeros((3, 3)), (0.0, 0), None, moved, relative=relative)
     return Accounts({TimeError.name: error})
 
 
@@ -77,7 +77,7 @@ def test_the_error_in_time_scales_with_what_moves_further(text, value, time):
     assert math.isnan(answer.uncertainty) == (time is None)
 
 
-@pytest.mark.parametrize("relative", [math.nan, 0.31])
+@pytest.mark.parametrize("relative", [math.nan, 0.51])
 def test_an_error_that_is_not_resolved_is_not_known(relative):
     accounts = error_in_time(relative, moved=2.0)
     (answer,) = answer_quantities([parse_quantity("tip.z")], record(), accounts, {}).values()

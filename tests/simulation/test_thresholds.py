@@ -16,7 +16,6 @@ from fecloth.simulation.doubts.unseen import missed_share
 from fecloth.simulation.energy_balance import MOST_GROWTH, Balance, doubt_dissipation
 from fecloth.simulation.error_control import Control
 from fecloth.simulation.step_times import count_steps, end_times
-from fecloth.simulation.time_error import TimeError
 from fecloth.simulation.within_step import uneven
 
 
@@ -110,24 +109,6 @@ def test_the_next_step_follows_from_two_errors(error, before):
         assert shown == pytest.approx(min(2 * dt, by_hand))
         if p == 2:
             assert by_hand < 2 * dt
-
-
-@pytest.mark.parametrize(("since", "of_period"), [(0.02, False), (3.0, True)])
-def test_a_kick_moves_a_vibration_by_its_speed_over_the_frequency_at_most(since, of_period, system):
-    """x = A sin(ω t) of all nodes: a wrong velocity δ leads away by δ t, and by δ/ω at most."""
-    amplitude, omega, delta = 0.03, 25.0, 0.4
-    start = system.rest()
-    error = TimeError(
-        start.x,
-        None,
-        (),
-        kick=delta,
-        kicked=1.0,
-        moved=amplitude,
-        fastest=0.5 * system.total_mass * (amplitude * omega) ** 2,
-    )
-    farthest = delta / omega if of_period else delta * since
-    assert error.kick_length(system, 1.0 + since) == pytest.approx(farthest)
 
 
 @pytest.mark.parametrize(("part", "doubted"), [(0.8, False), (1.25, True)])

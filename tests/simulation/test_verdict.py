@@ -12,10 +12,10 @@ from fecloth.simulation.account import End, Run
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.doubts.before_run import OF_SCENES
 from fecloth.simulation.doubts.doubt import DoubtKind
-from fecloth.simulation.doubts.jumps import find_jumping_motions
 from fecloth.simulation.energy_balance import Balance, doubt_dissipation
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.time_error import BOUNCES, GROWS, HITS, TimeError
+from fecloth.simulation.sampled_error import SampledError
+from fecloth.simulation.time_error import BOUNCES, HITS, TimeError
 from fecloth.simulation.verdict import Verdict
 
 CLOTH = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")
@@ -26,14 +26,12 @@ FAR = replace(OFF, remainder=2.0)
 BALL = fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))
 
 
-def doubt(error, balance=OFF, method=None, eaten=0.0, jump=0.0, terms=(), **estimated):
+def doubt(error, balance=OFF, method=None, eaten=0.0, jump=0.0, terms=()):
     """The verdict of a run with this error in time, balance, dissipation and jump of a pin [m]."""
     motion = ("0", "0", f"where(t < 0.1, 0, {jump})") if jump else None
     system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK(), *terms], [fc.Pin("left", motion)])
     start = system.rest()
-    estimate = TimeError(start.x, None, (), relative=error, moved=MOVED, sentence="error in time")
-    jumps = find_jumping_motions(system, start, 0.3)
-    estimate = replace(estimate, jumps=jumps, **estimated)
+    estimate = TimeError(start.x, (0.0, 0), None, MOVED, relative=error, sentence="error in time")
     ledger = replace(Ledger.open(system, start), t=0.3, numerical=eaten)
     others = {TimeError: estimate, Balance: balance, Ledger: ledger}
     run = Run(system, method or fc.BDF2(), start, 0, 4.0, math.inf)
@@ -46,23 +44,15 @@ def kind_of(*given, **values):
     return cause and cause.kind
 
 
-@pytest.mark.parametrize(("error", "kind"), [(0.04, None), (0.0625, DoubtKind.TIME)])
-def test_an_error_in_time_is_a_doubt_from_a_twentieth_of_the_motion(error, kind):
+@pytest.mark.parametrize(("error", "kind"), [(0.08, None), (0.125, DoubtKind.TIME)])
+def test_an_error_in_time_is_a_doubt_from_a_tenth_of_the_motion(error, kind):
     assert kind_of(error, CLOSED) is kind
 
 
-@pytest.mark.parametrize(("error", "kind"), [(0.008, None), (0.0125, DoubtKind.TIME)])
-def test_of_steps_that_do_not_solve_their_equations_a_fifth_is_accepted(error, kind):
+@pytest.mark.parametrize(("error", "kind"), [(0.02, None), (0.0313, DoubtKind.TIME)])
+def test_of_steps_that_do_not_solve_their_equations_a_quarter_is_accepted(error, kind):
     assert kind_of(error, CLOSED, fc.LinearlyImplicitEuler()) is kind
     assert kind_of(error, OFF, fc.LinearlyImplicitEuler()) is (kind and DoubtKind.MOTION)
-
-
-@pytest.mark.parametrize(("share", "kind"), [(0.8, None), (1.25, DoubtKind.TIME)])
-def test_of_an_error_that_has_grown_the_mean_of_sum_and_field_counts(share, kind):
-    grown = {"unknown": GROWS, "largest": 0.01 * MOVED, "carried": 0.25 * share**2 * MOVED}
-    assert kind_of(math.nan, CLOSED, **grown) is kind
-    summed = {"unknown": HITS, "largest": 0.05 * share * MOVED}
-    assert kind_of(math.nan, CLOSED, **summed) is kind
 
 
 def test_a_balance_and_dissipation_matter_where_no_error_is_known_to_be_small():
@@ -99,7 +89,7 @@ def test_with_contact_a_jump_is_the_cause_however_far_the_cloth_went(part, kind)
 
 def test_a_jump_matters_only_where_something_is_doubted():
     assert kind_of(0.04, CLOSED, jump=0.1) is None
-    assert kind_of(0.0625, CLOSED, jump=0.1) is DoubtKind.JUMP
+    assert kind_of(0.125, CLOSED, jump=0.1) is DoubtKind.JUMP
     assert kind_of(0.04, FAR, jump=0.1) is DoubtKind.JUMP
 
 
@@ -112,7 +102,7 @@ def test_steps_that_do_not_resolve_a_taut_sheet_are_one_warning(method):
     with pytest.warns(fc.FeclothWarning):
         result = fc.run(system, method, start, 0.02, 0.6)
     (words,) = (*before, *result.warnings)
-    assert words.startswith("error in time: not resolved")
+    assert words.startswith("error in time: not resolved, or small errors have grown")
 
 
 def test_an_energy_that_is_no_number_is_told_in_words():
@@ -165,5 +155,6 @@ def test_after_impacts_that_count_there_is_no_error_in_time(method, part, ratio,
         Ledger.open(system, start), numerical=0.5 * lost, dissipated={"Obstacle": 0.5 * lost}
     )
     others = {Ledger: ledger, Contact: Contact(ratio=ratio)}
-    estimate = TimeError(start.x, None, (), fastest=3.0)
-    assert estimate.find_hits(Run(system, method, start, 0, 4.0, math.inf), others) == why
+    run = Run(system, method, start, 0, 4.0, math.inf)
+    estimate = TimeError(start.x, (0.0, 0), SampledError.begin(run), fastest=3.0)
+    assert estimate.find_hits(run, others) == why

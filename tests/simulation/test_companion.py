@@ -1,0 +1,110 @@
+"""The companion of a run: the error in time by the same run with other steps."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.linalg.reductions import rms
+from fecloth.simulation.time_error import TimeError
+
+PINNED = ["left"]
+
+
+def swing(pins=PINNED, **fabric):
+    """A sheet that falls from its held edge, and its start."""
+    cloth = fc.Cloth.rectangle(0.4, 0.2, h=0.1, pattern="right")
+    values = {"areal_density": 0.2, "tensile_stiffness": 100.0} | fabric
+    system = fc.System(cloth, fc.Fabric(**values), [fc.StVK(), fc.Gravity()], pins)
+    return system, system.rest()
+
+
+def places(system, method, start, dt, t_end):
+    """The positions after each step, by their times to nine digits."""
+    seen = {}
+    fc.run(
+        system, method, start, dt, t_end,
+        report=lambda info: seen.update({round(info.t, 9): info.result.state.x}),
+    )  # fmt: skip
+    return seen
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+@pytest.mark.parametrize(
+    ("method", "dt", "other"),
+    [
+        (fc.BackwardEuler(), 0.01, 0.02),
+        (fc.BDF2(), 0.01, 0.02),
+        (fc.ImplicitMidpoint(), 0.01, 0.02),
+        (fc.CentralDifference(), 0.001, 0.0005),
+    ],
+    ids=str,
+)
+def test_it_is_the_run_with_double_steps_or_half_steps_of_explicit_methods(method, dt, other):
+    system, start = swing()
+    result = fc.run(system, method, start, dt, 0.2, time_error="companion")
+    own, others = (places(system, method, start, size, 0.2) for size in (dt, other))
+    apart = [rms(system.diagonal_mass, own[t] - others[t]) for t in own.keys() & others.keys()]
+    error = result.accounts[TimeError]
+    tolerance = 0.1 if method.traits.explicit else 1e-3  # it looks at some of the steps
+    assert error.estimate.whole == pytest.approx(max(apart), rel=tolerance)
+    assert result.time_error == pytest.approx(error.estimate.whole / error.moved)
+    assert 0 < result.deformation_error < 1
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_it_catches_up_where_the_number_of_steps_is_odd():
+    system, start = swing()
+    result = fc.run(system, fc.BDF2(), start, 0.01, 0.09, time_error="companion")
+    assert result.accounts[TimeError].estimate.state.t == result.state.t
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_it_goes_on_where_a_pin_lets_go():
+    system, start = swing([fc.Pin("left", until=0.05)])
+    result = fc.run(system, fc.BDF2(), start, 0.01, 0.2, time_error="companion")
+    companion = result.accounts[TimeError].estimate
+    assert companion.state.t == result.state.t
+    assert companion.state.x[:, 2].max() < -1e-3
+    assert 0 < result.time_error < 0.5
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_it_tells_how_far_apart_two_runs_are_where_small_errors_grow():
+    """A flat sheet is pressed together: its buckles grow from nothing."""
+    cloth = fc.Cloth.rectangle(0.6, 0.6, h=0.1, pattern="cross")
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), [fc.StVK()], pins=["boundary"])
+    start = system.state(np.column_stack([0.97 * cloth.X, 1e-5 * np.sin(9 * cloth.X[:, 0])]))
+    result = fc.run(system, fc.BDF2(), start, 0.001, 0.03, time_error="companion")
+    apart = result.accounts[TimeError].estimate.whole
+    assert f"a run with other steps is {apart:.2g} m away" in result.figures["time_error_in_words"]
+    assert result.time_error > 0.1
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_none_costs_nothing_and_states_nothing():
+    system, start = swing()
+    result = fc.run(system, fc.BDF2(), start, 0.01, 0.2, time_error="none")
+    assert math.isnan(result.time_error)
+    assert math.isnan(result.deformation_error)
+    assert result.accounts[TimeError].estimate is None
+
+
+def test_an_unknown_estimate_is_refused_with_the_names():
+    system, start = swing()
+    with pytest.raises(InputError, match="must be one of sampled, companion, none"):
+        fc.run(system, fc.BDF2(), start, 0.01, 0.2, time_error="exact")
+
+
+def test_the_same_run_with_and_without_a_companion():
+    system, start = swing()
+    with warnings.catch_warnings(action="ignore"):
+        ends = [
+            fc.run(system, fc.BDF2(), start, 0.01, 0.1, time_error=name).state.x
+            for name in ("sampled", "companion", "none")
+        ]
+    assert np.array_equal(ends[0], ends[1])
+    assert np.array_equal(ends[0], ends[2])
