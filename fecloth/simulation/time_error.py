@@ -8,9 +8,7 @@ import numpy as np
 from fecloth.linalg.reductions import rms
 from fecloth.simulation.account import NEVER, Account, Accounts, End, Run
 from fecloth.simulation.companion import Companion
-from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import MOTION_AT_REST
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.rigid_motion import rms_of_deformation
 from fecloth.simulation.sampled_error import SampledError
 from fecloth.simulation.steps import StepInfo
@@ -19,15 +17,11 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.contact.bound_contact import BoundContact
 from fecloth.terms.records import remembered
-from fecloth.terms.traits import has_kind
 
 ESTIMATES: dict[str, type[SampledError] | type[Companion]]
 ESTIMATES = {"sampled": SampledError, "companion": Companion}
 # Of a gap: so much a barrier gives way under the weight, and no place is sharper.
 GAP_GIVEN_WAY = 0.1
-BOUNCES = "the cloth bounces in less than a few steps, and what follows depends on dt"
-HITS = "the cloth hits something, where the method is of first order only"
-LEAST_IMPACT = 0.05  # over the largest kinetic energy: what impacts have taken where they count
 
 
 @remembered
@@ -39,7 +33,7 @@ class TimeError(Account):
     displacement, times the `safety` of the estimate; of the deformation the same without rigid
     motions. It is at most 1: then the steps do not resolve the motion, or small errors grow.
     There is none for a cloth at rest, after less than p + 1 steps, for a method that states no
-    error constant, and by samples on several processes and after impacts (`find_hits`).
+    error constant, and by samples on several processes.
 
     Attributes
     ----------
@@ -51,8 +45,6 @@ class TimeError(Account):
         `SampledError` or `Companion`; None where none is asked for.
     moved, deformed
         The largest rms displacement, and the largest without rigid motion [m].
-    fastest
-        The largest kinetic energy [J].
     due
         Number of the step at which the estimate goes on.
     relative, relative_of_deformation
@@ -69,7 +61,6 @@ class TimeError(Account):
     estimate: SampledError | Companion | None
     moved: float = 0.0
     deformed: float = 0.0
-    fastest: float = 0.0
     due: int = NEVER
     relative: float = math.nan
     relative_of_deformation: float = math.nan
@@ -88,7 +79,7 @@ class TimeError(Account):
         """Return the record after a step: often the same object."""
         if info.step < self.due or self.estimate is None:
             return self
-        after = self._looked(run.system, info.result.state, others[Ledger].kinetic)
+        after = self._looked(run.system, info.result.state)
         estimate = self.estimate.after(run, info, after.moved)
         return after.changed(estimate=estimate, due=estimate.due)
 
@@ -96,8 +87,8 @@ class TimeError(Account):
         """Return the record with the relative errors, or with why there are none."""
         if self.estimate is None:
             return self
-        after = self._looked(run.system, end.state, others[Ledger].kinetic)
-        unknown = self.estimate.unknown or after.find_hits(run, others)
+        after = self._looked(run.system, end.state)
+        unknown = self.estimate.unknown
         after = after.changed(unknown=unknown)
         whole, of_deformation = after.relative_errors(run.system)
         t, step = self.start
@@ -130,28 +121,9 @@ class TimeError(Account):
             deforming = min(1.0, estimate.safety * estimate.deforming / self.deformed)
         return whole, deforming
 
-    def find_hits(self, run: Run, others: Accounts) -> str:
-        """Return why impacts leave no estimate by samples, or "".
-
-        Bounces that steps do not resolve have none. An impact without a bounce errs by an order
-        of dt less than a smooth motion of a method of second order, for which the estimate is.
-        """
-        is_sampled = isinstance(self.estimate, SampledError)
-        if not is_sampled or not has_kind(run.system.terms, "contact"):
-            return ""
-        if others[Contact].ratio > 1.0:
-            return BOUNCES
-        ledger = others[Ledger]
-        contacts = [name for name, term in run.system.named if term.limits_direction]
-        lost = ledger.numerical + sum(ledger.dissipated.get(name, 0.0) for name in contacts)
-        if run.method.traits.order > 1 and lost > LEAST_IMPACT * self.fastest:
-            return HITS
-        return ""
-
-    def _looked(self, system: System, state: State, kinetic: float) -> "TimeError":
+    def _looked(self, system: System, state: State) -> "TimeError":
         mass = system.diagonal_mass
         return self.changed(
             moved=max(self.moved, rms(mass, state.x - self.opening)),
             deformed=max(self.deformed, rms_of_deformation(mass, self.opening, state.x)),
-            fastest=max(self.fastest, kinetic),
         )

@@ -112,13 +112,13 @@ def test_a_wind_that_is_switched_off_within_a_step_is_in_the_error():
     assert result.time_error / SampledError.safety == pytest.approx(0.25 / 2.5, rel=0.5)
 
 
-def test_a_flat_sheet_that_is_pressed_together_has_no_number():
+def test_a_flat_sheet_that_is_pressed_together_is_not_resolved():
     """Its buckles grow from nothing, by a factor that no step sees."""
     cloth = fc.Cloth.rectangle(0.6, 0.6, h=0.1, pattern="cross")
     system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), [fc.StVK()], pins=["boundary"])
     x = np.column_stack([0.97 * cloth.X, 1e-5 * np.sin(9 * cloth.X[:, 0])])
     result = run_quietly(system, fc.BDF2(), system.state(x), 0.001, 0.03)
-    assert result.time_error == 1.0
+    assert 0.5 < result.time_error <= 1.0
     assert "small errors have grown" in result.figures["time_error_in_words"]
 
 

@@ -9,13 +9,11 @@ from support.planned import warnings_before
 import fecloth as fc
 from fecloth.simulation import verdict
 from fecloth.simulation.account import End, Run
-from fecloth.simulation.contact import Contact
 from fecloth.simulation.doubts.before_run import OF_SCENES
 from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.energy_balance import Balance, doubt_dissipation
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.sampled_error import SampledError
-from fecloth.simulation.time_error import BOUNCES, HITS, TimeError
+from fecloth.simulation.time_error import TimeError
 from fecloth.simulation.verdict import Verdict
 
 CLOTH = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")
@@ -135,26 +133,3 @@ def test_dissipation_of_the_method_names_methods_that_contact_allows(method, tou
     doubt = doubt_dissipation(run, CLOSED, ledger)
     assert doubt.words.endswith("50 % of the energy of the motion")
     assert doubt.remedy.startswith(f"take a smaller {remedy}")
-
-
-@pytest.mark.parametrize(
-    ("method", "part", "ratio", "why"),
-    [
-        (fc.BDF2(), 0.8, 0.0, ""),
-        (fc.BDF2(), 1.25, 0.0, HITS),
-        (fc.BackwardEuler(), 1.25, 0.0, ""),
-        (fc.BackwardEuler(), 0.8, 0.8, ""),
-        (fc.BackwardEuler(), 0.8, 1.25, BOUNCES),
-    ],
-)
-def test_after_impacts_that_count_there_is_no_error_in_time(method, part, ratio, why):
-    """They take a twentieth of the kinetic energy, or steps do not resolve a bounce."""
-    system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK(), BALL])
-    start, lost = system.rest(), part * 0.05 * 3.0
-    ledger = replace(
-        Ledger.open(system, start), numerical=0.5 * lost, dissipated={"Obstacle": 0.5 * lost}
-    )
-    others = {Ledger: ledger, Contact: Contact(ratio=ratio)}
-    run = Run(system, method, start, 0, 4.0, math.inf)
-    estimate = TimeError(start.x, (0.0, 0), SampledError.begin(run), fastest=3.0)
-    assert estimate.find_hits(run, others) == why

@@ -26,6 +26,10 @@ FIRST_ORDER = ("backward_euler", "linearised", "symplectic_euler")  # refined by
 TRIANGLES, P2_TRIANGLES = (50, 200), (30, 80)
 STEPS, EXPLICIT_STEPS = (25, 90), (60, 400)
 DT = 1e-3, 2e-2  # of implicit steps [s]
+STIFFNESS = 50.0, 5e4  # in tension [N/m]
+RUBBING = ("bdf2", "backward_euler")  # with friction in bending
+TOUCHING = ("bdf2", "backward_euler")  # with a plane below
+FLOOR_GAP = 1e-3  # of the plane [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +101,7 @@ def draw(seed: int, number: int) -> Drawn:
     True
     """
     rng = np.random.default_rng([seed, number])
-    element = _pick(rng, {"P1": 4, "P2": 1})
+    element = _pick(rng, {"P1": 1, "P2": 1})
     pieces = _pick(rng, {1: 12, 2: 1})
     size = _log(rng, 0.2, 1.0), _log(rng, 0.2, 1.0)
     triangles = _log(rng, *(TRIANGLES if element == "P1" else P2_TRIANGLES)) / pieces
@@ -122,6 +126,9 @@ def draw(seed: int, number: int) -> Drawn:
     seconds = steps * (5e-4 if method in EXPLICIT else dt)
     terms = [MEMBRANES[membrane](), *([getattr(fc, bending)()] if bending else [])]
     terms += _dampings(rng, method)
+    rubs = bending == "PlateBending" and method in RUBBING and rng.uniform() < 0.3
+    if rubs:
+        terms.append(fc.BendingFriction())
     if element == "P2" or method == "energy_momentum":
         terms += _loads(rng, size, seconds, conservative=True)
     else:
@@ -135,12 +142,15 @@ def draw(seed: int, number: int) -> Drawn:
     if FRAMES[frame].falls and not any(isinstance(term, fc.Gravity) for term in terms):
         terms.append(fc.Gravity(G))
     fabric = fc.Fabric(
-        _log(rng, 0.08, 0.5), _log(rng, 50.0, 5000.0), rng.uniform(0, 0.4),
-        bending_rigidity=_log(rng, 1e-6, 5e-3),
+        _log(rng, 0.08, 0.5), _log(rng, *STIFFNESS), rng.uniform(0, 0.4),
+        bending_rigidity=_log(rng, 1e-6, 5e-3), bending_hysteresis=_log(rng, 1e-5, 1e-2),
     )  # fmt: skip
     stretch = _pick(rng, {1.0: 2, 1.0 + _log(rng, 1e-4, 0.05): 1})
     wave = _pick(rng, {0.0: 1, _log(rng, 1e-3, 0.05): 1})
     speed = _pick(rng, {0.0: 2, _log(rng, 0.03, 2.0): 1})
+    falls_on = method in TOUCHING and frame == "rest" and not rubs
+    if falls_on and rng.uniform() < 0.4:
+        terms.append(_floor(rng, wave))
     return Drawn(
         size, h, pattern, element, pieces, fabric, tuple(terms), tuple(pins), stretch, wave, speed,
         frame, method, dt, steps,
@@ -192,6 +202,13 @@ def _loads(rng, size, seconds: float, conservative: bool = False) -> list:
             fc.Tether("right", (size[0], size[1] / 2, f"where(t < {begin}, 0, 0.1)"), stiff)
         )
     return loads
+
+
+def _floor(rng, wave: float) -> fc.Obstacle:
+    """Return a plane below the sheet."""
+    below = wave + FLOOR_GAP + _log(rng, 2e-3, 0.05)
+    plane = fc.shapes.Plane((0.0, 0.0, -below), (0.0, 0.0, 1.0))
+    return fc.Obstacle(plane, FLOOR_GAP, _pick(rng, {0.0: 1, 0.3: 1}))
 
 
 def _pins(rng, pieces: int, clamped: bool, size, seconds: float) -> list[fc.Pin]:

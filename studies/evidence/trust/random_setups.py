@@ -2,11 +2,12 @@
 
 A set-up of `drawn.py` runs once, and again with halved steps until two successive refinements
 agree within 2 %; runs that never agree do not count. The error in time is the rms error of x
-weighted by mass, the largest over the frames, over the largest rms displacement: what the run
-states. A run is good below 2 % and wrong above 10 %. Of good runs at most 1 in 20 may have a
-warning, and no wrong run may be without one. A cloth that passes through itself is right to warn,
-though a refined rerun does so, too. Thresholds were chosen on seeds 1, 2, 5 and 7; none has
-seen seed 8.
+weighted by mass, the largest over the frames, over the largest rms displacement; of the
+deformation the same without rigid motions. The run states what each is at most. A run is good
+below 2 % and wrong above 10 %. Of good runs at most 1 in 20 may have a warning, and no wrong run
+may be without one. A cloth that passes through itself is right to warn, though a refined rerun
+does so, too. Thresholds and the factor of safety were chosen on seeds 1, 2, 5, 7, 11 and 12; none
+has seen seed 8.
 
     python -m studies.evidence.trust.random_setups
         [--quick] [--seed 8] [--count 200] [--jobs N] [--out DIR]
@@ -25,6 +26,7 @@ from fecloth.linalg.reductions import rms
 from fecloth.simulation.doubts.before_run import OF_SCENES, find_doubts
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.resolve import choose_steps
+from fecloth.simulation.rigid_motion import rms_of_deformation, rms_without_rigid
 from studies import harness
 from studies.evidence.trust.cases import AGREE, FEWEST, frame_times, march_through
 from studies.evidence.trust.drawn import Drawn, draw
@@ -32,8 +34,8 @@ from studies.evidence.trust.setups import Run
 
 GOOD, WRONG = 0.02, 0.1
 FALSE_ALARMS = 0.05  # of the good runs
-STATED = 0.9  # of the stated errors are within FACTOR of the true ones
-FACTOR = 3.0
+STATED = 0.9  # of the stated errors are at least the true ones, and at most FACTOR times them
+FACTOR = 5.0
 NUMBERS = 0.8  # of the set-ups whose errors are compared state one
 JUDGED = 1e-4, 0.3  # true errors whose stated ones are compared
 STILL = 1e-6  # of the cloth; a run that moves it by less does not count
@@ -59,11 +61,14 @@ def judge_drawn(seed: int, number: int, most: int) -> dict:
     }
     reference, apart = refined(drawn, times, most)
     row |= {"apart": apart, "stated": result.time_error, "counts": False}
+    row["stated_of_deformation"] = result.deformation_error
     if not apart < AGREE:
         return row
     error, moved = errors_of(run, x, reference)
-    counts = moved > STILL * run.system.cloth.extent
-    return row | {"counts": counts, "error": error / moved, "moved": moved}
+    row |= {"counts": moved > STILL * run.system.cloth.extent, "moved": moved}
+    deforming, deformed = errors_of_deformation(run, x, reference)
+    row["error_of_deformation"] = deforming / deformed if deformed else math.nan
+    return row | {"error": error / moved}
 
 
 def doubts_of_scene(run: Run) -> list[fc.Doubt]:
@@ -94,6 +99,13 @@ def errors_of(run: Run, x: np.ndarray, reference: np.ndarray) -> tuple[float, fl
     return error, max(rms(mass, b - run.state.x) for b in reference)
 
 
+def errors_of_deformation(run: Run, x: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
+    """Return the same without rigid motions [m]."""
+    mass = run.system.diagonal_mass
+    error = max(rms_without_rigid(mass, b, a - b) for a, b in zip(x, reference, strict=True))
+    return error, max(rms_of_deformation(mass, run.state.x, b) for b in reference)
+
+
 def verdict(row: dict) -> str:
     """Return in words what a run was."""
     if row["status"] != "ok":
@@ -115,13 +127,31 @@ def is_judged(row: dict) -> bool:
     return JUDGED[0] < row["error"] < JUDGED[1] and row["apart"] < row["error"]
 
 
+def ratios_of(rows: list[dict], what: str = "") -> np.ndarray:
+    """Return the stated errors over the true ones; `what` is "" or "_of_deformation"."""
+    ratios = [
+        row[f"stated{what}"] / row[f"error{what}"]
+        for row in rows
+        if row["stated"] < 1.0 and row[f"error{what}"] > JUDGED[0]
+    ]
+    return np.array([ratio for ratio in ratios if not math.isnan(ratio)])
+
+
 def findings_of(rows: list[dict], enough: int, stated: float = STATED) -> list[harness.Finding]:
     """Return the numbers that the study promises: `stated` is a share of the stated errors."""
     words = [verdict(row) for row in rows]
     good = sum(word in ("good, warned", "good, silent") for word in words)
     judged = [row for row in rows if is_judged(row)]
-    ratios = [row["stated"] / row["error"] for row in judged if not math.isnan(row["stated"])]
-    inside = sum(1 / FACTOR < ratio < FACTOR for ratio in ratios)
+    shares = []
+    for name, what in (("", ""), (" of the deformation", "_of_deformation")):
+        ratios = ratios_of(judged, what)
+        for words_of_share, holds in (
+            ("at least the true", ratios >= 1),
+            (f"at most {FACTOR:g} times the true", ratios <= FACTOR),
+        ):
+            share = float(holds.mean()) if len(ratios) else 1.0
+            shares.append(harness.Finding(f"stated error{name} {words_of_share}", share, stated))
+    numbers = sum(row["stated"] < 1.0 for row in judged)
     counted = sum("silent" in word or "warned" in word for word in words)
     share = words.count("good, warned") / max(good, 1)
     return [
@@ -131,10 +161,8 @@ def findings_of(rows: list[dict], enough: int, stated: float = STATED) -> list[h
         harness.Finding("good runs", good, 1),
         harness.Finding("share of good runs with a warning", share, high=FALSE_ALARMS),
         harness.Finding("true errors to compare with", len(judged)),
-        harness.Finding(
-            "share with a number", len(ratios) / max(len(judged), 1), min(stated, NUMBERS)
-        ),
-        harness.Finding("share within a factor 3", inside / max(len(ratios), 1), stated),
+        harness.Finding("share with a number", numbers / max(len(judged), 1), min(stated, NUMBERS)),
+        *shares,
     ]
 
 
