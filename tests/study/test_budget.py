@@ -148,7 +148,7 @@ def test_the_distance_of_states_is_a_part_of_the_total(measured, agrees, monkeyp
     assert answer.total == pytest.approx(0.8, rel=1e-3)
     assert answer.agrees == agrees
     assert any("several states" in words for words in answer.notes())
-    unknown = replace(found, uncertainty=math.nan, states=several[:1])
+    unknown = replace(found, may_have_other_states=True, states=several[:1])
     monkeypatch.setattr(budgets, "summarise", lambda *given: unknown)
     answer = fc.budget(pulled, None, {FORCE: (measured, 1e-3)}, FORCE, h=0.5)
     assert math.isnan(answer.total)
@@ -170,7 +170,8 @@ def test_a_part_whose_run_failed_is_not_known(monkeypatch):
     answer = fc.budget(pulled, None, {FORCE: (1.0, 0.1)}, FORCE, h=0.5)
     assert math.isnan(answer.space)
     assert math.isnan(answer.total)
-    assert "not known, as runs for a part of it failed" in answer.verdict
+    assert "not known (missing parts: mesh, time step, solver)" in answer.verdict
+    assert any("it stopped" in words for words in answer.notes())
     assert answer.exit_status == 3
 
 
