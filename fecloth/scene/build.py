@@ -40,6 +40,7 @@ from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Motion, Pin
 from fecloth.system.state import State, make_state
 from fecloth.system.system import System
+from fecloth.terms.custom.condition import RESERVED
 from fecloth.terms.protocol import has_own
 from fecloth.validation import FARTHEST
 
@@ -76,7 +77,7 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
     else:
         note = ""
     with errors_of_key("measured"):
-        measured = read_measured(scene.measured)
+        measured = read_measured(scene.measured, (*system.names, *RESERVED))
         interest = scene.quantities
     asked = [*scene.expect, *(quantity.column for quantity in interest)]
     problem = Problem(

@@ -135,7 +135,7 @@ def budget(
     if measured is None:
         measured = opened.tables.get("measured") or {}
     inputs = read_inputs(opened, uncertain)
-    data = read_measured(measured)
+    data = read_measured(measured, opened.first.energies if measured else ())
     is_single = isinstance(quantity, str | Quantity) or callable(quantity)
     names_of_quantities: Any = quantity or opened.source.interest or list(data) or None
     if is_single:
