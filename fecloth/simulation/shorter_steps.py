@@ -19,3 +19,8 @@ def name_shorter_steps(steps: StepChoice) -> str:
     if isinstance(steps, StabilityLimited):
         return "a dt below the largest stable one"
     return "a smaller dt"
+
+
+def key_of_step(steps: StepChoice) -> str:
+    """Return what bounds the steps of a run: "longest" where their error chooses them, or "dt"."""
+    return "longest" if isinstance(steps, Adaptive) else "dt"
