@@ -102,6 +102,11 @@ REFUSED = {
         "to 0.001 times its reference",
         "multiply the mesh by 0.001",
     ),
+    "a start at one point": (
+        "start.position=['0', '0', '0']",
+        "start: positions that stretch the cloth to 0 times its reference",
+        "Both are in metres.",
+    ),
     "no number that is uncertain": (
         "uncertain={fabric={areal_densty='3 %'}}",
         "uncertain.areal_densty = '3 %': unknown key",

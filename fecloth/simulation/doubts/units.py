@@ -40,6 +40,7 @@ LARGEST_GRAVITY = 50.0  # m/s²; five times the gravity on Earth, a twentieth of
 LARGEST_AIR_SPEED = 100.0  # m/s; three hurricanes
 # Times, least and most, to which a start stretches half of the triangles: a run ends at 20.
 START_STRETCHES = 0.05, 20.0
+LARGEST_MISTAKE = 1e4  # times; a start and a mesh farther apart differ by more than a unit
 USUAL_SIZE = 0.5  # m; of the cloths that are simulated
 LARGEST_ANGLE = 2 * np.pi  # rad; a pin that turns farther is mostly meant in degrees, or has pi
 LARGEST_DAMPING_TIME = 1.0  # s; in measured cloth it is below 0.1
@@ -141,12 +142,17 @@ def refuse_start_in_other_units(cloth: Cloth, x: np.ndarray, where: str) -> None
     least, most = START_STRETCHES
     if not (stretch < least or stretch > most):
         return
-    larger, smaller = ("start", "mesh") if stretch > most else ("mesh", "start")
-    unit, _ = _nearest(max(stretch, 1 / stretch), CENTIMETRES, 1.0)
-    remedy = (
-        f"If the {larger} is in {unit} and the {smaller} in m, "
-        f"multiply the {larger} by {CENTIMETRES[unit]:g}."
-    )
+    ratio = max(stretch, 1 / stretch) if stretch else np.inf
+    remedy = "Both are in metres."
+    if ratio < LARGEST_MISTAKE:
+        larger, smaller = ("start", "mesh") if stretch > most else ("mesh", "start")
+        unit, _ = _nearest(ratio, CENTIMETRES, 1.0)
+        factor = f"{CENTIMETRES[unit]:g}"
+        way = f", as a file by scale = {factor}" if larger == "mesh" else ""
+        remedy = (
+            f"If the {larger} is in {unit} and the {smaller} in m, "
+            f"multiply the {larger} by {factor}{way}."
+        )
     what = f"positions that stretch the cloth to {stretch:.4g} times its reference"
     allowed = f"must stretch it to {least:g} to {most:g} times"
     raise InputError(what, allowed, where, remedy)
