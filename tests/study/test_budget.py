@@ -155,6 +155,15 @@ def test_the_distance_of_states_is_a_part_of_the_total(measured, agrees, monkeyp
     assert "wrong" not in answer.verdict
 
 
+def test_a_measured_energy_by_its_bare_name_has_units_of_energy():
+    """½ Y E² W L of a stretched strip, with E = (s² − 1)/2."""
+    energy = 0.5 * 1000.0 * ((1.02**2 - 1) / 2) ** 2 * 0.5
+    measured = {"StVK": (f"{1e3 * energy} mJ", "1 mJ")}
+    answer = fc.budget(pulled, None, measured, "StVK", h=0.5)
+    assert answer.difference == pytest.approx(0.0, abs=1e-9)
+    assert answer.data == pytest.approx(1e-3)
+
+
 def test_a_part_whose_run_failed_is_not_known(monkeypatch):
     levels, run = budgets.levels_to_run, budgets.run_quantities
 
