@@ -109,7 +109,7 @@ REFUSED = {
     ),
     "no number that is uncertain": (
         "uncertain={fabric={areal_densty='3 %'}}",
-        "uncertain.areal_densty = '3 %': unknown key",
+        "uncertain.fabric.areal_densty = '3 %': unknown key",
         "mean 'areal_density'?",
     ),
     "an uncertain number of no table": (
