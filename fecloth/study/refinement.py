@@ -104,7 +104,8 @@ class Limit:
     def without_uncertainty(self) -> "Limit":
         """Return what is left where no limit is seen: neither an uncertainty nor own errors."""
         refined, *_ = self.shares
-        estimate = replace(self.estimate, uncertainty=math.nan)
+        value = self.estimate.value
+        estimate = replace(self.estimate, limit=value, uncertainty=math.nan)
         return Limit(estimate, {**self.shares, refined: math.nan}, math.nan)
 
     def errors(self, values: Sequence[float]) -> Sequence[float | None]:

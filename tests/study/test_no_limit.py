@@ -7,6 +7,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.study.convergence import has_no_limit
+from fecloth.study.refinement import Limit
 from fecloth.study.uncertainty import estimate_uncertainty
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -79,6 +80,19 @@ def test_its_difference_between_variants_has_no_uncertainty():
     assert "± not known" in compared.verdict
     assert sum("no limit" in words for words in compared.notes()) == 2
     compared.figure()
+
+
+def test_a_limit_that_is_not_seen_is_not_extrapolated():
+    """Values with an order of 0.28, which are slow: the extrapolated limit would be far away."""
+    sizes = np.array([0.8, 0.4, 0.2, 0.1])
+    values = 1 + sizes**0.28
+    limit = Limit.of(sizes, values, 2.0, "h", {"solver": 0.01})
+    left = limit.without_uncertainty()
+    assert left.estimate.limit == left.estimate.value == values[-1] != limit.estimate.limit
+    assert left.shares["solver"] == 0.01
+    assert math.isnan(left.shares["mesh"])
+    assert math.isnan(left.uncertainty)
+    assert left.errors(values) == [None] * 4
 
 
 @pytest.mark.parametrize(("order", "reason", "none"), [(0.28, True, True), (0.28, False, False)])
