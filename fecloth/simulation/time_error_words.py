@@ -3,6 +3,7 @@
 import math
 
 from fecloth.simulation.error_control import Adaptive
+from fecloth.simulation.shorter_steps import name_shorter_steps
 
 LARGEST_STATED = 0.5  # bound from which on the steps do not resolve the motion
 PROPOSED_ERROR = 0.01  # for which a step is proposed, where the bound is larger
@@ -32,8 +33,7 @@ def describe_time_error(most: float, estimate, method, dt: float, unknown: str =
     if estimate.safety == 1.0 and not math.isnan(most):
         words += f" (a run with other steps is {estimate.whole:.2g} m away, at most)"
     if most >= LARGEST_STATED:
-        finer = "rtol" if isinstance(method, Adaptive) else "dt"
-        return f"{words}; take a smaller {finer}"
+        return f"{words}; take {name_shorter_steps(method)}"
     if not most > PROPOSED_ERROR:
         return words
     order = 1 if estimate.kicked < math.inf else method.traits.order

@@ -29,8 +29,8 @@ class Verdict(Account):
     """What an error in time, the energy balance and numerical dissipation say together.
 
     Energy is a strict measure of a motion: fast waves have much of it and move the cloth little.
-    Where the error in time is known and accepted, a balance counts if it is far off only. With
-    contact, that error is not known.
+    Where the error in time is known and accepted, a balance counts if it is far off only. Not so
+    with contact: the samples of the error may miss an impact.
     """
 
     name = "verdict"
@@ -59,10 +59,10 @@ def _find_causes(run: Run, others: Accounts) -> Iterator[Doubt]:
     touches = has_kind(run.system.terms, "contact")
     accepted = LARGEST_ACCEPTED if run.method.traits.solves else LARGEST_OF_UNSOLVED
     is_small = estimate is not None and estimate.relative < accepted
-    if touches and (gain := doubt_gain(balance)):
+    if touches and (gain := doubt_gain(run, balance)):
         yield gain
     if balance.is_off(run.system, ledger, far=is_small and not touches):
-        yield doubt_balance(balance)
+        yield doubt_balance(run, balance)
     if estimate and estimate.relative > accepted:
         yield Doubt(DoubtKind.TIME, estimate.sentence)
     if estimate and not is_small and (taken := doubt_dissipation(run, balance, ledger)):
