@@ -239,7 +239,7 @@ def run(
     `most_growth` times what the start, the loads and the pins have supplied (see `Balance`).
     The `StepFailed` of a run that fails has its `result` so far, without the accounts of its
     end. Reasons to doubt the result are its `doubts`. Doubts that spoil an answer are its
-    `warnings`: for example an error in time above 5 %, or an energy balance that does not close.
+    `warnings`: for example an error in time above 10 %, or an energy balance that does not close.
     Each warning is issued as a `FeclothWarning`, and so is a likely mistake in the set-up.
 
     Raises
