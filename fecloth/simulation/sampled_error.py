@@ -53,24 +53,25 @@ class SampledError:
     and Wanner 2006, Geometric Numerical Integration, chapter IX). The difference of both motions
     is the error. It moves on by the equations that are linear about the motion, see
     `carry_error`: about each sample, from halfway after the sample before to halfway before the
-    next. The derivatives are divided differences of the last p + 1 samples. A load that jumps
+    next. The derivatives are divided differences of p + 1 samples. A load that jumps
     inside a step adds an error of v, see `_kicked`.
 
-    Samples are so far apart that the fastest waves that they show have an error as large as
-    their amplitude: the run has lost faster waves anyway. Such a wave has at most the divided
-    difference (2/τ)^p A over times τ apart, so that
+    Where waves are too fast for the steps, the run has lost them, and their error is as large as
+    they are. A wave of amplitude A has at most the divided difference (2/τ)^p A over times τ
+    apart, and so an error of at most 2 A if
 
         (2/τ)^p κ dt^q T = 2
 
-    for the time T since the start. They are no closer than IMPLICIT_STEPS or EXPLICIT_STEPS,
-    but a run has at least FEWEST_SAMPLES.
+    for the time T since the start. The samples of a difference are τ/2 apart or more. Samples
+    are taken every τ, but no closer than IMPLICIT_STEPS or EXPLICIT_STEPS, and at
+    FEWEST_SAMPLES times of a run at least.
 
     Attributes
     ----------
     opening
         The sample before the first step.
     recent
-        The last p + 1 samples.
+        The last samples.
     error
         The error of x [m] and v [m/s].
     carried
@@ -89,7 +90,7 @@ class SampledError:
 
     # The bound over the estimate: so it was at least the true error in 9 of 10 set-ups, and at
     # most 5 times as large (`studies.evidence.trust.estimators`).
-    safety: ClassVar[float] = 2.7
+    safety: ClassVar[float] = 2.6
 
     opening: Sample
     recent: tuple[Sample, ...]
@@ -123,32 +124,34 @@ class SampledError:
         new = Sample(state.t, step, state.x, state.v)
         dt = (new.t - last.t) / (new.step - last.step)
         fewest = EXPLICIT_STEPS if run.method.traits.explicit else IMPLICIT_STEPS
-        apart = max(fewest * dt, _time_apart(q, constant, dt, new.t - self.opening.t))
-        apart = min(apart, (run.t_end - self.opening.t) / FEWEST_SAMPLES)
+        tau = _time_apart(q, constant, dt, new.t - self.opening.t)
+        apart = min(max(fewest * dt, tau), (run.t_end - self.opening.t) / FEWEST_SAMPLES)
         after = replace(
             self._kicked(run, state, dt),
-            recent=(*self.recent, new)[-(q + 2) :],
+            recent=_since((*self.recent, new), new.t - (q + 2) * max(tau, apart)),
             lag=self.lag + constant * dt**q * (new.t - last.t),
             due=step + math.ceil(apart / dt - 1e-6),
         )
-        if len(after.recent) < q + 2 or self.unknown or self.whole > GROWN * moved:
+        spread = _spread(after.recent, q + 2, 0.5 * tau)
+        if len(spread) < q + 2 or self.unknown or self.whole > GROWN * moved:
             return after
-        return after._moved_on(run, dt)
+        return after._moved_on(run, spread, dt)
 
-    def _moved_on(self, run: Run, dt: float) -> "SampledError":
+    def _moved_on(self, run: Run, spread: list[Sample], dt: float) -> "SampledError":
         """Return the record with the error moved on to halfway before the last sample.
 
-        On this way the method adds the error of a `lag` κ ∫ dt^q dt, evenly.
+        On this way the method adds the error of a `lag` κ ∫ dt^q dt, evenly. The derivatives are
+        of the samples `spread`.
         """
         system = run.system
         middle = self.recent[-2]
         state = State(middle.t, middle.x, middle.v)
         end = 0.5 * (middle.t + self.recent[-1].t)
         seconds = end - self.carried
-        times = [sample.t for sample in self.recent]
+        times = [sample.t for sample in spread]
         rate = self.lag / seconds
-        s = rate * derivative(times, [sample.x for sample in self.recent])
-        r = rate * derivative(times, [sample.v for sample in self.recent])
+        s = rate * derivative(times, [sample.x for sample in spread])
+        r = rate * derivative(times, [sample.v for sample in spread])
         try:
             error = carry_error(system, state, seconds, self.error, s, r)
         except SolveFailed:
@@ -194,6 +197,21 @@ def _offset(traits: MethodTraits, dt: float) -> float:
 def _time_apart(q: int, constant: float, dt: float, seconds: float) -> float:
     """Return the time τ [s] between samples, `seconds` after the start: see `SampledError`."""
     return (2**q * constant * dt**q * seconds) ** (1 / (q + 1))
+
+
+def _since(samples: tuple[Sample, ...], t: float) -> tuple[Sample, ...]:
+    """Return the samples since the time t [s], and the one before."""
+    first = sum(sample.t <= t for sample in samples) - 1
+    return samples[max(0, first) :]
+
+
+def _spread(samples: tuple[Sample, ...], count: int, apart: float) -> list[Sample]:
+    """Return up to `count` of the last samples that are at least `apart` [s], oldest first."""
+    chosen = [samples[-1]]
+    for sample in reversed(samples):
+        if len(chosen) < count and sample.t <= chosen[-1].t - (1 - 1e-6) * apart:
+            chosen.append(sample)
+    return chosen[::-1]
 
 
 def _change_at(run: Run, state: State, t: float) -> np.ndarray:

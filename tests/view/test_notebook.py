@@ -25,7 +25,7 @@ def test_repr_is_one_line(result):
         "<System of 15 nodes, 3 held: StVK, Gravity>": system,
         "<State of 15 nodes at t = 0.1 s>": ended.state,
         "<Result of 10 steps of BDF2() to t = 0.1 s, "
-        f"error in time about {100 * ended.time_error:.2g} % of the motion>": ended,
+        f"error in time at most {100 * ended.time_error:.2g} % of the motion>": ended,
     }
     for line, one in lines.items():
         assert repr(one) == line
