@@ -9,8 +9,9 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from fecloth.errors import InputError, SceneError, brief, did_you_mean, errors_of, is_number
 from fecloth.fabric.uncertainty import part_of
+from fecloth.quantities import units
 from fecloth.quantities.columns import dimension_of
-from fecloth.quantities.units import LENGTH, TIME, is_quantity, quantity
+from fecloth.quantities.units import LENGTH, TIME, is_quantity
 from fecloth.scene.field_types import Name
 from fecloth.scene.table_model import Table, require_exactly_one
 from fecloth.scene.toml_text import flatten_tables
@@ -151,7 +152,7 @@ def _in_si(name: str, value: Any) -> Any:
     if not (isinstance(value, str) and is_quantity(value)):
         return value
     dimension = dimension_of(parse_quantity(name).unit())
-    return quantity(f"measured {name}", value, dimension)
+    return units.quantity(f"measured {name}", value, dimension)
 
 
 def _as_tuple(value: Any) -> Any:

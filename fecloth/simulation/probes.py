@@ -34,7 +34,7 @@ TAKEN = (
     "drape_coefficient",
     "folds",
 )
-PREFIXES = ("reaction:", "least_distance:", "line_force:", "distance of ")
+PREFIXES = ("reaction:", "least_distance:", "line_force:", "distance of ", "stress.")
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:

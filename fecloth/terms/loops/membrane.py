@@ -87,10 +87,12 @@ class PointwiseStrain:
     def sampled(self, x: Array) -> tuple[Array, Samples]:
         """E (m, points, 3) at positions x (n, 3), and the samples that these points are."""
         cloth = self.panel.cloth
-        E = green_strains(deformation_gradient(cloth, x, self.panel.gradients))
-        if cloth.element == "P1":
-            return E, CONSTANT
-        return E, QUADRATIC
+        return green_strains(deformation_gradient(cloth, x, self.panel.gradients)), self.points
+
+    @property
+    def points(self) -> Samples:
+        """The samples that the points are."""
+        return CONSTANT if self.panel.cloth.element == "P1" else QUADRATIC
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +189,21 @@ class BoundMembrane(BoundTerm):
     def add_stress(self, x: Array, out: Array) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""
         self.kernels.add_stress(*self.data, x, x, out)
+
+    def sampled_stress(self, x: Array, triangles: np.ndarray) -> Array:
+        """S11, S22, S12 (k, q, 3) [N/m] along warp and weft at the q points of triangles (k,).
+
+        The points are those of the samples of the strain.
+        """
+        nodes, A, w, c, rest = (array[triangles] for array in self.elements)
+        S = np.empty((*w.shape, 3))
+        for q in range(w.shape[1]):  # where all points are one of them, the mean is its stress
+            same = np.full(w.shape[1], q)
+            out = np.zeros((len(nodes), 4))
+            arrays = nodes, A[:, same], np.ones_like(w), c, rest[:, same]
+            self.kernels.add_stress(*self.strain.shape, *arrays, x, x, out)
+            S[:, q] = out[:, :3]
+        return S
 
     def strain_error(self, x: Array, t: float) -> np.ndarray:
         """(m,) the energy [J] of the change that recovery makes of the strain, by triangle."""
