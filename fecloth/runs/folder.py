@@ -75,6 +75,8 @@ class Table:
         with writing(self.path):
             self._stream.truncate(size)
         self.size = size
+        if not size:  # the header is gone, too: the next row gives it again
+            self._header = ()
 
     def column(self, name: str) -> list[float]:
         """Return the numbers of one column."""

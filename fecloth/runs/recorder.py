@@ -22,7 +22,7 @@ from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Accounts, End, Run
 from fecloth.simulation.answer import Answer, answer_quantities, list_answers, refining_command
-from fecloth.simulation.doubts.doubt import Doubt, warnings_of
+from fecloth.simulation.doubts.doubt import CHECK, Doubt, warnings_of
 from fecloth.simulation.energy_balance import MOST_GROWTH
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.simulation.run import list_accounts, record_of
@@ -401,10 +401,12 @@ class Recorder:
         for name, answer in answers.items():
             command = refining_command(name, answer, self.refining)
             tiles[name] = (answer.in_words(), command, answer.measured_in_words)
+        doubts = map(Doubt.of_entry, summary["doubts"])
+        checks = [doubt.line for doubt in doubts if doubt.kind.label == CHECK]
         try:
             frame = self.files.frame(self.progress.state, self.progress.memory)
             obstacles = self.files.obstacles.last
-            write_report(self.folder.path, summary, tables, frame, obstacles, tiles)
+            write_report(self.folder.path, summary, tables, frame, obstacles, tiles, checks)
         except Exception as failure:  # no error of a page may lose the result
             self.folder.log(f"warning: no report: {failure}")
 

@@ -5,8 +5,7 @@ import math
 from fecloth.simulation.error_control import Adaptive
 
 LARGEST_STATED = 0.3  # error that the estimate can resolve
-PROPOSED_ERROR = 0.01  # for which a step is proposed
-LONGEST_PROPOSAL = 10.0  # step over the step that was taken
+PROPOSED_ERROR = 0.01  # for which a step is proposed, where the error is larger
 LEAST_STATED = 1e-5  # a smaller error is reported as below it
 
 
@@ -29,8 +28,8 @@ def describe_time_error(
     dt
         The mean size of the steps [s].
     jump
-        Time at which a load first jumps [s]. The jump may fall inside any other step: none
-        longer is proposed, and a shorter one as for an error of order 1.
+        Time at which a load first jumps [s]. The jump may fall inside any other step: the error
+        is taken as one of order 1.
     is_cause
         Whether most of the error comes from jumps.
     unknown
@@ -46,7 +45,7 @@ def describe_time_error(
     cause = ""
     if is_cause:
         cause = f", as a load jumps at t = {jump:.6g} s, which no step meets"
-    if error < LEAST_STATED or (jump < math.inf and error < PROPOSED_ERROR):
+    if error <= PROPOSED_ERROR:
         return name_time_error(error) + cause
     order = 1 if jump < math.inf else method.traits.order
     return name_time_error(error) + cause + _proposal(error, method, dt, order)
@@ -64,17 +63,10 @@ def name_time_error(error: float) -> str:
 
 
 def _proposal(error: float, method, dt: float, order: int) -> str:
-    """Return which step gives 1 %, or "" where that is far away or beyond a stability limit."""
-    factor = PROPOSED_ERROR / error  # of a tolerance, to which the error is proportional
+    """Return which step gives 1 %: to a tolerance the error is proportional."""
+    factor = PROPOSED_ERROR / error
     if not isinstance(method, Adaptive):
-        factor **= 1 / order
-    largest = LONGEST_PROPOSAL
-    if method.traits.explicit:  # its steps are near the limit already
-        largest = 1.0
-    if factor > largest:
-        return ""
-    if not isinstance(method, Adaptive):
-        proposed = f"dt = {factor * dt:.2g} s"
+        proposed = f"dt = {factor ** (1 / order) * dt:.2g} s"
     elif method.rtol:
         proposed = f"rtol = {factor * method.rtol:.2g}"
     else:

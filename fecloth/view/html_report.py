@@ -5,7 +5,7 @@ the seconds went, the scene and the summary. Made at the end of a run by page/re
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ def write_report(
     frame: Frame,
     obstacles: Obstacles | None = None,
     answers: Mapping[str, tuple[str, ...]] | None = None,
+    checks: Sequence[str] = (),
 ) -> Path:
     """Write ``folder``/report.html and return its path.
 
@@ -47,6 +48,8 @@ def write_report(
     answers
         By the name of each quantity: its value with its error in words, and lines below it; an
         empty line does not show. The answers are the first tiles.
+    checks
+        Sentences on what may be a mistake in the set-up; they stand below the warnings.
     """
     unit = summary["unit"]
     # The line below the title: how large the run was.
@@ -63,7 +66,7 @@ def write_report(
         "badge": badge,
         "note": f"{sizes}; {summary['method']}",
         "error": summary["error"],
-        "warnings": summary["warnings"],
+        "warnings": [*summary["warnings"], *checks],
         "results": [text for key, text in summary.items() if key.endswith("_in_words")],
         "answers": answers or {},
         "tiles": _tiles(summary, tables["steps"]),

@@ -119,6 +119,16 @@ def test_log_lines_add_up(tmp_path):
     assert [line.split(" ", 1)[1] for line in lines] == ["first", "zweite: µ"]
 
 
+def test_a_table_that_is_cut_to_nothing_has_a_header_again(tmp_path):
+    # as steps.csv of a run that was killed before its first restart file, and goes on
+    row = {"step": 1, "t": 0.5}
+    Table(tmp_path / "a.csv").add(row)
+    again = Table(tmp_path / "a.csv")
+    again.cut(0)
+    again.add(row)
+    assert again.column("t") == [0.5]
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_row_that_does_not_fit_names_its_table():
     table = Table(Path("/dev/full"))

@@ -63,7 +63,7 @@ def test_a_run_leaves_a_report_of_its_end(run, tmp_path):
     assert "tensile_stiffness = 1000" in page
     assert 'class="note failed' not in page
     log = (tmp_path / "run" / "run.log").read_text()
-    assert page.count('<p class="note">') == log.count(" warning: ")
+    assert page.count('<p class="note">') == log.count(" warning: ") + log.count(" check: ")
     data = data_of(page)
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.2)
     last = fc.read_frame(tmp_path / "run/frames/frame_000002.vtu", cloth)
@@ -146,6 +146,15 @@ def test_page_needs_no_other_files(run):
 
 def test_it_is_for_phones(run):
     assert '<meta name="viewport" content="width=device-width' in run()[1]
+
+
+def test_what_may_be_a_mistake_in_the_set_up_is_at_the_top(run):
+    """A rigidity that no term uses is no warning, but the page has it."""
+    _, before = run()
+    _, page = run("--set", "fabric.bending_rigidity=1e-5")
+    assert '<p class="note">check: ' not in before
+    (check,) = re.findall('<p class="note">check: (.*?)</p>', page)
+    assert "bending_rigidity" in check
 
 
 def test_failures_and_warnings_are_at_the_top(run):
