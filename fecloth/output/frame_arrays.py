@@ -37,9 +37,8 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     free_directions = np.trace(system.constraints.projectors, axis1=1, axis2=2)
     held[system.constraints.nodes] = np.round(3 - free_directions)
     points = _points(cloth, state) | {"held": held} | _contact(system, state)
-    smooth = stress_at_nodes(system, state.x)
-    if smooth is not None:
-        points["recovered_stress"] = smooth
+    if smooth := stress_at_nodes(system):
+        points["recovered_stress"] = smooth(state.x)
     cells = _in_blocks(cloth, lambda part: _cells(cloth, gradients, state.x, stress, part))
     cells |= {"quality": cloth.quality, "region": system.panel.region.astype(np.int32)}
     for term in system.bound:

@@ -14,7 +14,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.surface import Surface
 from fecloth.quantities.units import LENGTH, quantity
 from fecloth.simulation.quantity import STRESS
-from fecloth.system.recovered_stress import COMPONENTS, StressAtPoint
+from fecloth.system.recovered_stress import COMPONENTS, stress_at_point
 from fecloth.system.system import System
 from fecloth.terms.contact import shapes
 from fecloth.terms.traits import parameters_of
@@ -89,9 +89,9 @@ def _bind_stress(name: str, system: System) -> Measure:
         allowed = "must be stress.xx, stress.yy or stress.xy at a point of the flat cloth"
         raise InputError(f"quantity {name!r}", allowed, "", "Write stress.xx at (0.1, 0.2).")
     X, Y = (_length(name, match[axis]) for axis in "XY")
-    stress = StressAtPoint.of(system, (X, Y))
+    stress = stress_at_point(system, (X, Y))
     component = COMPONENTS.index(match["part"])
-    return lambda x, row: {name: float(stress(x)[component])}
+    return lambda x, row: {name: float(stress(x)[0, component])}
 
 
 def _length(name: str, text: str) -> float:

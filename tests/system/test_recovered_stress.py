@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.mesh.recovery import QUADRATIC, recovery_gap
-from fecloth.system.recovered_stress import StressAtPoint, along_axes, stress_at_nodes
+from fecloth.system.recovered_stress import along_axes, stress_at_nodes, stress_at_point
 
 Y, NU = 1000.0, 0.3
 K = 2.0  # of the displacement: 1/m
@@ -46,9 +45,9 @@ def errors(element, h):
     system, rest = solved(element, h)
     X = system.cloth.X
     scale = np.abs(exact(INSIDE)[:, 2]).max()  # of what varies
-    at = np.array([StressAtPoint.of(system, point)(rest.x) for point in INSIDE])
+    at = np.array([stress_at_point(system, point)(rest.x)[0] for point in INSIDE])
     nodes = (np.abs(X - 0.5) < 0.25).all(axis=1)
-    nodal = stress_at_nodes(system, rest.x)[nodes] - exact(X[nodes])
+    nodal = stress_at_nodes(system)(rest.x)[nodes] - exact(X[nodes])
     return [np.sqrt(np.mean(gap**2)) / scale for gap in (at - exact(INSIDE), nodal)]
 
 
@@ -64,7 +63,7 @@ def test_the_axes_are_x_and_y_whatever_the_grain(strain):
     at = []
     for grain in (0.0, 0.7):
         system, rest = solved("P2", 0.1, grain=grain, term=fc.StVK(strain=strain))
-        at.append(StressAtPoint.of(system, (0.4, 0.3))(rest.x))
+        at.append(stress_at_point(system, (0.4, 0.3))(rest.x)[0])
     assert at[1] == pytest.approx(at[0], rel=1e-6)
     assert at[0] == pytest.approx(exact(np.array([[0.4, 0.3]]))[0], rel=1e-3)
 
@@ -79,33 +78,33 @@ def test_a_turned_tensor():
     assert along_axes(given, np.array([angle]))[0, 0] == pytest.approx(expected)
 
 
-def test_the_point_and_the_nodes_agree_with_the_recovery_of_the_error_in_space():
-    system, rest = solved("P2", 0.25, pattern="right", term=fc.StVK(strain="pointwise"))
-    cloth = system.cloth
-    S = system.bound[0].sampled_stress(rest.x, np.arange(len(cloth.triangles)))
-    groups = system.panel.material
-    gap = recovery_gap(cloth.X, cloth.stencil[:, :3], groups, S, QUADRATIC)
-    cell, q = 5, 2
-    point = QUADRATIC.points[q] @ cloth.X[cloth.stencil[cell, :3]]
-    assert StressAtPoint.of(system, point)(rest.x) == pytest.approx((S + gap)[cell, q], rel=1e-9)
-    nodal = stress_at_nodes(system, rest.x)
-    for node in (cloth.stencil[7, 1], cloth.stencil[7, 4]):
-        at = StressAtPoint.of(system, cloth.X[node])(rest.x)
-        assert nodal[node] == pytest.approx(at, rel=1e-3)
+@pytest.mark.parametrize(("element", "degree"), [("P1", 2), ("P2", 3)])
+@pytest.mark.parametrize("pattern", ["right", "unstructured"])
+def test_the_gradient_of_a_polynomial_is_exact_also_at_the_border(element, degree, pattern):
+    cloth = fc.Cloth.rectangle(1.0, 0.7, h=0.25, pattern=pattern, element=element)
+    system = fc.System(cloth, fc.Fabric(0.2, Y, NU), [fc.StVK()])
+    X, Y_ = cloth.X.T
+    field = np.column_stack([X**degree, X * Y_, Y_**degree - X])
+    nodes = stress_at_nodes(system)
+    at = cloth.X[nodes.place]
+    gradient = nodes.gradient(field)
+    assert gradient[:, 0, 0] == pytest.approx(degree * at[:, 0] ** (degree - 1), abs=1e-9)
+    assert gradient[:, 1] == pytest.approx(at[:, ::-1], abs=1e-9)
+    assert gradient[:, 2, 1] == pytest.approx(degree * at[:, 1] ** (degree - 1), abs=1e-9)
 
 
 def test_points_outside_and_cloths_without_a_stress_are_refused():
     system, _ = solved("P1", 0.5)
     with pytest.raises(fc.InputError, match=r"stress at \(3, 0\).*0 <= X <= 1 m"):
-        StressAtPoint.of(system, (3.0, 0.0))
+        stress_at_point(system, (3.0, 0.0))
     springs = fc.System(system.cloth, system.fabric, [fc.Springs()])
     with pytest.raises(fc.InputError, match="StVK"):
-        StressAtPoint.of(springs, (0.5, 0.5))
-    assert stress_at_nodes(springs, springs.rest().x) is None
+        stress_at_point(springs, (0.5, 0.5))
+    assert stress_at_nodes(springs) is None
 
 
 def test_two_membranes_add_up():
     one = solved("P1", 0.25)[0]
     x = displaced(one.cloth.X)
     two = fc.System(one.cloth, one.fabric, [fc.StVK(), fc.StVK()])
-    assert stress_at_nodes(two, x) == pytest.approx(2 * stress_at_nodes(one, x))
+    assert stress_at_nodes(two)(x) == pytest.approx(2 * stress_at_nodes(one)(x))

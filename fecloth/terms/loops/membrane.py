@@ -42,11 +42,13 @@ from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import CONSTANT, QUADRATIC, Samples
 from fecloth.terms.discrete_gradient import OverMean
 from fecloth.terms.kinematics import deformation_gradient, green_strains, membrane_error
-from fecloth.terms.loops.membrane_loops import Kernels
+from fecloth.terms.loops.membrane_loops import POINTWISE, Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part, cut
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
+
+GRADIENTS_OF_UNIT = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # of its corners, (0, 0) first
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +89,10 @@ class PointwiseStrain:
     def sampled(self, x: Array) -> tuple[Array, Samples]:
         """E (m, points, 3) at positions x (n, 3), and the samples that these points are."""
         cloth = self.panel.cloth
-        return green_strains(deformation_gradient(cloth, x, self.panel.gradients)), self.points
-
-    @property
-    def points(self) -> Samples:
-        """The samples that the points are."""
-        return CONSTANT if self.panel.cloth.element == "P1" else QUADRATIC
+        E = green_strains(deformation_gradient(cloth, x, self.panel.gradients))
+        if cloth.element == "P1":
+            return E, CONSTANT
+        return E, QUADRATIC
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,20 +190,23 @@ class BoundMembrane(BoundTerm):
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""
         self.kernels.add_stress(*self.data, x, x, out)
 
-    def sampled_stress(self, x: Array, triangles: np.ndarray) -> Array:
-        """S11, S22, S12 (k, q, 3) [N/m] along warp and weft at the q points of triangles (k,).
+    def stress_of(self, F: Array, triangles: np.ndarray) -> Array:
+        """S11, S22, S12 (r, 3) [N/m] of deformation gradients F (r, 3, 2) along warp and weft.
 
-        The points are those of the samples of the strain.
+        The constants are those of the triangles (r,). The loop takes a triangle with the corners
+        0, F₁ and F₂ for each: its deformation gradient is F.
         """
-        nodes, A, w, c, rest = (array[triangles] for array in self.elements)
-        S = np.empty((*w.shape, 3))
-        for q in range(w.shape[1]):  # where all points are one of them, the mean is its stress
-            same = np.full(w.shape[1], q)
-            out = np.zeros((len(nodes), 4))
-            arrays = nodes, A[:, same], np.ones_like(w), c, rest[:, same]
-            self.kernels.add_stress(*self.strain.shape, *arrays, x, x, out)
-            S[:, q] = out[:, :3]
-        return S
+        r = len(F)
+        corners = np.concatenate([np.zeros((r, 1, 3)), F.swapaxes(1, 2)], axis=1).reshape(-1, 3)
+        nodes = np.arange(3 * r, dtype=np.int32).reshape(r, 3)
+        G = np.broadcast_to(GRADIENTS_OF_UNIT, (r, 1, 3, 2)).copy()
+        constants = np.ascontiguousarray(self.constants[triangles])
+        at_rest = np.broadcast_to(0.0, (r, 1, 3))
+        out = np.zeros((r, 4))
+        arrays = nodes, G, np.ones((r, 1)), constants, at_rest
+        add = replace(self.kernels, kind=POINTWISE).add_stress
+        add((0, 0, 0), (0,), *arrays, corners, corners, out)
+        return out[:, :3]
 
     def strain_error(self, x: Array, t: float) -> np.ndarray:
         """(m,) the energy [J] of the change that recovery makes of the strain, by triangle."""

@@ -106,12 +106,7 @@ class ReggeStrain:
 
     def sampled(self, x: np.ndarray) -> tuple[np.ndarray, Samples]:
         """E_h (m, 3 points, 3) at positions x (n, 3), and the samples that these points are."""
-        return self.values(x), self.points
-
-    @property
-    def points(self) -> Samples:
-        """The samples that the points are."""
-        return LINEAR
+        return self.values(x), LINEAR
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """(m, 3 points, 3) E_h at positions x (n, 3), as E11, E22, E12."""
