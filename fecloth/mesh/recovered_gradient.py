@@ -22,7 +22,7 @@ SPARE_NODES = 1.3  # nodes of a patch over the coefficients of its polynomial, a
 LEAST_SINGULAR = 1e-3
 
 
-class Row(NamedTuple):
+class Rows(NamedTuple):
     """Rows of gradients: of some polynomials, at one node each.
 
     Attributes
@@ -57,7 +57,7 @@ class RecoveredGradient:
 
 
 def recover_gradient(
-    X: np.ndarray, stencil: np.ndarray, group: np.ndarray, rows: Row
+    X: np.ndarray, stencil: np.ndarray, group: np.ndarray, rows: Rows
 ) -> RecoveredGradient:
     """Return the gradients of the polynomials of corners, each at a place.
 
@@ -85,7 +85,7 @@ def recover_gradient(
     return RecoveredGradient(matrix(0), matrix(1))
 
 
-def _fits(X, stencil, group, rows: Row, degree: int) -> Iterator[tuple]:
+def _fits(X, stencil, group, rows: Rows, degree: int) -> Iterator[tuple]:
     """Yield, for rows whose patches have equally many nodes, what their gradients are made of.
 
     These are the numbers of the rows (s, 1), the nodes of their patches (s, c), and the weights
@@ -111,7 +111,7 @@ def _fits(X, stencil, group, rows: Row, degree: int) -> Iterator[tuple]:
 
 
 def _patches(
-    n: int, stencil, group, rows: Row, chosen: np.ndarray, rings: int
+    n: int, stencil, group, rows: Rows, chosen: np.ndarray, rings: int
 ) -> sparse.csr_matrix:
     """Return the nodes of the patches of chosen rows: a sparse matrix (s, n)."""
     m = len(stencil)

@@ -17,7 +17,7 @@ import numpy as np
 
 from fecloth.errors import InputError, MeshError
 from fecloth.mesh.norms import locate
-from fecloth.mesh.recovered_gradient import RecoveredGradient, Row, recover_gradient
+from fecloth.mesh.recovered_gradient import RecoveredGradient, Rows, recover_gradient
 from fecloth.system.system import System
 
 COMPONENTS = ("xx", "yy", "xy")
@@ -102,7 +102,7 @@ def stress_at_nodes(system: System) -> RecoveredStress | None:
     keys = np.stack([places, corners, group[triangles]], axis=1)
     _, first = np.unique(keys, axis=0, return_index=True)
     triangles, corners, places = triangles[first], corners[first], places[first]
-    rows = Row(corners, group[triangles], cloth.X[places])
+    rows = Rows(corners, group[triangles], cloth.X[places])
     gradient = recover_gradient(cloth.X, cloth.stencil, group, rows)
     share = 1.0 / np.bincount(places, minlength=len(cloth.X))[places]
     return RecoveredStress(system, gradient, triangles, places, share)
@@ -131,7 +131,7 @@ def stress_at_point(system: System, point: Sequence[float]) -> RecoveredStress:
         )
         raise InputError(where, allowed) from None
     group = system.panel.material
-    rows = Row(corners[cell], np.full(3, group[cell]), np.tile(place, (3, 1)))
+    rows = Rows(corners[cell], np.full(3, group[cell]), np.tile(place, (3, 1)))
     gradient = recover_gradient(cloth.X, cloth.stencil, group, rows)
     share = np.linalg.solve(np.vstack([cloth.X[corners[cell]].T, np.ones(3)]), [*place, 1.0])
     return RecoveredStress(system, gradient, np.full(3, cell), np.zeros(3, int), share)
