@@ -64,7 +64,7 @@ SHORTER = {
     "studies/scenes/drape.toml": ["cloth.h=0.02", "time.t_end=0.1"],
     "napkin.toml": ["cloth.h=0.05", "time.t_end=0.1"],
     "SCENE.toml": ["cloth.h=0.2", "time.t_end=0.05", "output.restart_steps=10"],
-    "FRONT.toml": [],
+    "FRONT.toml": ["time.t_end=0.05"],
 }
 FRONTS = ("chart", "front", "tune")  # studies that run many settings: of a scene of few seconds
 MINIMAL = """

@@ -101,9 +101,9 @@ class Result:
     accounts
         What the run accounts for, at its end.
     quantities
-        The answer to each quantity that was asked for, by the text of the quantity. Without
-        [interest] in the scene: the places of the probes at the end. A run that has not reached
-        its end has no answers: {}.
+        The answers, by the texts of the quantities: the values of [interest] of the scene, or
+        without [interest] the places of the probes at the end. A run that has not reached its
+        end has no answers: {}.
     """
 
     state: State

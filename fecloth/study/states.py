@@ -127,8 +127,7 @@ def find_states(
         return States(tuple(states), is_unknown=True, why=NO_OTHER_START)
     if leaves_branch(levels):
         why = (
-            "the levels do not come together: the last refinement changes the shape as much as the "
-            "one before; they are different states, or the problem has no limit"
+            "the levels are different states: the last changes the shape as much as the one before"
         )
         return States(tuple(states), why=why)
     return States(tuple(states))
