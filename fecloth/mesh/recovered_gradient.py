@@ -11,7 +11,7 @@ property, SIAM J. Sci. Comput. 26, 1192–1213. The blending and the widening of
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -20,6 +20,7 @@ MOST_RINGS = 4  # of triangles in a patch
 SPARE_NODES = 1.3  # nodes of a patch over the coefficients of its polynomial, at least
 # The least singular value of a good fit over the largest one, in lengths of the patch.
 LEAST_SINGULAR = 1e-3
+ROUND_OFF = 1e-9  # a smaller singular value over the largest one counts as 0
 
 
 class Rows(NamedTuple):
@@ -73,61 +74,120 @@ def recover_gradient(
         The polynomials and the places.
     """
     degree = 2 if stencil.shape[1] == 3 else 3
-    parts = list(_fits(X, stencil, group, rows, degree))
-    index = np.concatenate([np.broadcast_to(row, nodes.shape).ravel() for row, nodes, _ in parts])
-    column = np.concatenate([nodes.ravel() for _, nodes, _ in parts])
+    groups = int(group.max()) + 1
+    polynomials, polynomial = np.unique(rows.corner * groups + rows.group, return_inverse=True)
+    corner, own_group = polynomials // groups, polynomials % groups
+    index, column, along_x, along_y = [], [], [], []
+    for chosen, taken, fit in _fits(X, stencil, group, (corner, own_group), degree):
+        place = np.full(len(corner), -1)
+        place[chosen] = taken
+        row = np.flatnonzero(place[polynomial] >= 0)
+        own = place[polynomial[row]]
+        weights = fit.slopes(own, rows.at[row])
+        index.append(np.repeat(row, fit.nodes.shape[1]))
+        column.append(fit.nodes[own].ravel())
+        along_x.append(weights[:, 0].ravel())
+        along_y.append(weights[:, 1].ravel())
+    place = np.concatenate(index), np.concatenate(column)
     shape = len(rows.corner), len(X)
-
-    def matrix(axis: int) -> sparse.csr_matrix:
-        values = np.concatenate([weights[:, axis].ravel() for _, _, weights in parts])
-        return sparse.csr_matrix((values, (index, column)), shape=shape)
-
-    return RecoveredGradient(matrix(0), matrix(1))
+    return RecoveredGradient(
+        sparse.csr_matrix((np.concatenate(along_x), place), shape=shape),
+        sparse.csr_matrix((np.concatenate(along_y), place), shape=shape),
+    )
 
 
-def _fits(X, stencil, group, rows: Rows, degree: int) -> Iterator[tuple]:
-    """Yield, for rows whose patches have equally many nodes, what their gradients are made of.
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Fits of polynomials whose patches have equally many nodes.
 
-    These are the numbers of the rows (s, 1), the nodes of their patches (s, c), and the weights
-    (s, 2, c) of the values at these nodes [1/m].
+    Attributes
+    ----------
+    nodes
+        (s, c) nodes of each patch.
+    centre, size
+        (s, 2) corner and (s,) size of each patch [m]; the polynomials are in coordinates from
+        the corner, over the size.
+    powers
+        (d, 2) powers of both coordinates in each term.
+    weights
+        (s, d, c) from the values at the nodes of the patch to the coefficients.
+    is_good
+        (s,) whether the nodes determine the polynomial well.
     """
-    remaining = np.arange(len(rows.corner))
+
+    nodes: np.ndarray
+    centre: np.ndarray
+    size: np.ndarray
+    powers: np.ndarray
+    weights: np.ndarray
+    is_good: np.ndarray
+
+    @classmethod
+    def of(cls, X: np.ndarray, nodes: np.ndarray, centre: np.ndarray, degree: int) -> Self:
+        """Return the fits to the values at the nodes (s, c) of the patches."""
+        arms = X[nodes] - centre[:, None]
+        size = np.sqrt((arms**2).sum(axis=2).max(axis=1))
+        x, y = np.moveaxis(arms / size[:, None, None], -1, 0)
+        powers = np.array([(i, k - i) for k in range(degree + 1) for i in range(k + 1)])
+        A = np.stack([x**i * y**j for i, j in powers], axis=-1)
+        U, singular, Vt = np.linalg.svd(A, full_matrices=False)
+        is_good = singular[:, -1] > LEAST_SINGULAR * singular[:, 0]
+        is_good &= nodes.shape[1] >= SPARE_NODES * len(powers)
+        # The pseudoinverse, without what is round-off.
+        is_own = singular > ROUND_OFF * singular[:, :1]
+        inverse = np.where(is_own, 1.0 / np.where(is_own, singular, 1.0), 0.0)
+        weights = Vt.swapaxes(1, 2) @ (inverse[:, :, None] * U.swapaxes(1, 2))
+        return cls(nodes, centre, size, powers, weights, is_good)
+
+    def slopes(self, chosen: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """Return (r, 2, c) from nodal values to gradients of chosen polynomials at (r, 2) [1/m]."""
+        size = self.size[chosen, None]
+        x, y = ((at - self.centre[chosen]) / size).T
+        along_x = [i * x ** max(i - 1, 0) * y**j for i, j in self.powers]
+        along_y = [j * x**i * y ** max(j - 1, 0) for i, j in self.powers]
+        terms = np.stack([np.stack(along_x, -1), np.stack(along_y, -1)], axis=1)
+        slopes: np.ndarray = terms @ self.weights[chosen] / size[:, None]
+        return slopes
+
+
+def _fits(X, stencil, group, polynomials, degree: int) -> Iterator[tuple]:
+    """Yield numbers (t,) of polynomials, their numbers (t,) in a `Fit`, and the `Fit`.
+
+    `polynomials` are the corner and the group of each. A patch has the triangles around the
+    corner; where these do not determine the polynomial well, the triangles around these, too.
+    """
+    corner, own_group = polynomials
+    remaining = np.arange(len(corner))
     for ring in range(1, MOST_RINGS + 1):
-        patches = _patches(len(X), stencil, group, rows, remaining, ring)
+        patches = _patches(len(X), stencil, group, corner[remaining], own_group[remaining], ring)
         count = np.diff(patches.indptr)
         is_poor = np.zeros(len(remaining), bool)
         for size in np.unique(count):
             chosen = np.flatnonzero(count == size)
-            nodes = np.stack([patches.indices[patches.indptr[i] :][:size] for i in chosen])
-            row = remaining[chosen]
-            weights, is_good = _weights(X, nodes, X[rows.corner[row]], rows.at[row], degree)
-            is_good |= ring == MOST_RINGS
-            is_poor[chosen[~is_good]] = True
-            if is_good.any():
-                yield row[is_good, None], nodes[is_good], weights[is_good]
+            nodes = patches.indices[patches.indptr[chosen, None] + np.arange(size)]
+            fit = Fit.of(X, nodes, X[corner[remaining[chosen]]], degree)
+            is_taken = fit.is_good | (ring == MOST_RINGS)
+            is_poor[chosen[~is_taken]] = True
+            yield remaining[chosen[is_taken]], np.flatnonzero(is_taken), fit
         remaining = remaining[is_poor]
         if not len(remaining):
             return
 
 
-def _patches(
-    n: int, stencil, group, rows: Rows, chosen: np.ndarray, rings: int
-) -> sparse.csr_matrix:
-    """Return the nodes of the patches of chosen rows: a sparse matrix (s, n)."""
+def _patches(n: int, stencil, group, corner, own_group, rings: int) -> sparse.csr_matrix:
+    """Return the nodes of the patches of corners: a sparse matrix (s, n) of numbers > 0.
+
+    A patch of `rings` rings has only triangles of the group `own_group` (s,) of its polynomial.
+    """
     m = len(stencil)
-    corners = stencil[:, :3]
-    touches = _incidence(corners, m, n)  # triangle × corner
-    is_start = sparse.csr_matrix(
-        (np.ones(len(chosen)), (np.arange(len(chosen)), rows.corner[chosen])),
-        shape=(len(chosen), n),
-    )
-    nodes = is_start
+    s = len(corner)
+    touches = _incidence(stencil[:, :3], m, n)  # triangle × corner
+    nodes = sparse.csr_matrix((np.ones(s), (np.arange(s), corner)), shape=(s, n))
     for _ in range(rings):
         patch = (nodes @ touches.T).tocoo()
-        is_own = group[patch.col] == rows.group[chosen][patch.row]
-        triangles = sparse.csr_matrix(
-            (np.ones(is_own.sum()), (patch.row[is_own], patch.col[is_own])), shape=patch.shape
-        )
+        is_own = group[patch.col] == own_group[patch.row]
+        place = patch.row[is_own], patch.col[is_own]
+        triangles = sparse.csr_matrix((np.ones(is_own.sum()), place), shape=(s, m))
         nodes = triangles @ touches
     patches = (triangles @ _incidence(stencil, m, n)).tocsr()
     patches.sort_indices()
@@ -138,24 +198,3 @@ def _incidence(nodes: np.ndarray, m: int, n: int) -> sparse.csr_matrix:
     """Return a matrix (m, n) with a one where a triangle has a node of `nodes` (m, k)."""
     place = np.repeat(np.arange(m), nodes.shape[1]), nodes.ravel()
     return sparse.csr_matrix((np.ones(nodes.size), place), shape=(m, n))
-
-
-def _weights(X, nodes, centre, at, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the weights (s, 2, c) of gradients at places `at` (s, 2), and which fits are good.
-
-    The polynomials have coordinates from their `centre` (s, 2), over the size of the patch.
-    """
-    arms = X[nodes] - centre[:, None]
-    size = np.sqrt((arms**2).sum(axis=2).max(axis=1))
-    powers = [(i, total - i) for total in range(degree + 1) for i in range(total + 1)]
-    local = arms / size[:, None, None]
-    A = np.stack([local[..., 0] ** i * local[..., 1] ** j for i, j in powers], axis=-1)
-    singular = np.linalg.svd(A, compute_uv=False)
-    is_good = nodes.shape[1] >= SPARE_NODES * len(powers)
-    is_good = is_good & (singular[:, -1] > LEAST_SINGULAR * singular[:, 0])
-    x, y = ((at - centre) / size[:, None]).T
-    along_x = [i * x ** max(i - 1, 0) * y**j for i, j in powers]
-    along_y = [j * x**i * y ** max(j - 1, 0) for i, j in powers]
-    slopes = np.stack([np.stack(along_x, -1), np.stack(along_y, -1)], axis=1)
-    weights = slopes @ np.linalg.pinv(A, rcond=1e-9) / size[:, None, None]
-    return weights, is_good
