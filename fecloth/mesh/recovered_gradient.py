@@ -16,11 +16,11 @@ from typing import NamedTuple, Self
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.mesh.recovery import LEAST_GOOD_PIVOT, solve_normal_equations
+
+EDGES = ((0, 1), (1, 2), (0, 2))  # corners of the midpoints 3, 4 and 5 of a triangle of P2
 MOST_RINGS = 4  # of triangles in a patch
 SPARE_NODES = 1.3  # nodes of a patch over the coefficients of its polynomial, at least
-# The least singular value of a good fit over the largest one, in lengths of the patch.
-LEAST_SINGULAR = 1e-3
-ROUND_OFF = 1e-9  # a smaller singular value over the largest one counts as 0
 
 
 class Rows(NamedTuple):
@@ -55,6 +55,57 @@ class RecoveredGradient:
     def __call__(self, field: np.ndarray) -> np.ndarray:
         """Return the gradients (r, d, 2) of a nodal field (n, d)."""
         return np.stack([self.X @ field, self.Y @ field], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places of the flat cloth, each with polynomials whose mean counts there.
+
+    Attributes
+    ----------
+    gradient
+        The recovered gradients, one for each row.
+    triangles
+        (r,) a triangle of each row, whose material counts.
+    mean
+        (places, r) sparse matrix from values of the rows to their mean at each place.
+    """
+
+    gradient: RecoveredGradient
+    triangles: np.ndarray
+    mean: sparse.csr_matrix
+
+
+def places_at_nodes(X: np.ndarray, stencil: np.ndarray, group: np.ndarray) -> Places:
+    """Return all nodes as places; see `recover_gradient` for the arguments.
+
+    At the midpoint of an edge it is the mean of the polynomials of both ends, and where groups
+    meet the mean of theirs.
+    """
+    triangle, corner, node = [], [], []
+    for a in range(stencil.shape[1]):
+        for end in (a,) if a < 3 else EDGES[a - 3]:
+            triangle.append(np.arange(len(group)))
+            corner.append(stencil[:, end])
+            node.append(stencil[:, a])
+    triangles, corners, nodes = map(np.concatenate, (triangle, corner, node))
+    _, first = np.unique([nodes, corners, group[triangles]], axis=1, return_index=True)
+    triangles, corners, nodes = triangles[first], corners[first], nodes[first]
+    rows = Rows(corners, group[triangles], X[nodes])
+    share = 1.0 / np.bincount(nodes, minlength=len(X))[nodes]
+    mean = sparse.csr_matrix((share, (nodes, np.arange(len(nodes)))))
+    return Places(recover_gradient(X, stencil, group, rows), triangles, mean)
+
+
+def place_in_triangle(
+    X: np.ndarray, stencil: np.ndarray, group: np.ndarray, cell: int, point: np.ndarray
+) -> Places:
+    """Return a point (2,) [m] of the triangle `cell` as the only place."""
+    corners = stencil[cell, :3]
+    rows = Rows(corners, np.full(3, group[cell]), np.tile(point, (3, 1)))
+    gradient = recover_gradient(X, stencil, group, rows)
+    share = np.linalg.solve(np.vstack([X[corners].T, np.ones(3)]), [*point, 1.0])
+    return Places(gradient, np.full(3, cell), sparse.csr_matrix(share))
 
 
 def recover_gradient(
@@ -130,13 +181,11 @@ class Fit:
         x, y = np.moveaxis(arms / size[:, None, None], -1, 0)
         powers = np.array([(i, k - i) for k in range(degree + 1) for i in range(k + 1)])
         A = np.stack([x**i * y**j for i, j in powers], axis=-1)
-        U, singular, Vt = np.linalg.svd(A, full_matrices=False)
-        is_good = singular[:, -1] > LEAST_SINGULAR * singular[:, 0]
+        transposed = A.swapaxes(1, 2)
+        both_sides = np.concatenate([transposed @ A, transposed], axis=2)
+        pivot, weights = solve_normal_equations(both_sides / nodes.shape[1])
+        is_good = pivot > LEAST_GOOD_PIVOT**degree
         is_good &= nodes.shape[1] >= SPARE_NODES * len(powers)
-        # The pseudoinverse, without what is round-off.
-        is_own = singular > ROUND_OFF * singular[:, :1]
-        inverse = np.where(is_own, 1.0 / np.where(is_own, singular, 1.0), 0.0)
-        weights = Vt.swapaxes(1, 2) @ (inverse[:, :, None] * U.swapaxes(1, 2))
         return cls(nodes, centre, size, powers, weights, is_good)
 
     def slopes(self, chosen: np.ndarray, at: np.ndarray) -> np.ndarray:

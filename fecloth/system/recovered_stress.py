@@ -11,18 +11,18 @@ cloth, also where the warp has another direction. Damping adds no stress.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from fecloth.errors import InputError, MeshError
+from fecloth.fabric.panel import Panel
 from fecloth.mesh.norms import locate
-from fecloth.mesh.recovered_gradient import RecoveredGradient, Rows, recover_gradient
+from fecloth.mesh.recovered_gradient import Places, place_in_triangle, places_at_nodes
 from fecloth.system.system import System
 
 COMPONENTS = ("xx", "yy", "xy")
-WITHOUT = "BaraffWitkin, springs and conditions have none, nor has a cloth in several processes"
-EDGES = ((0, 1), (1, 2), (0, 2))  # corners of the midpoints 3, 4 and 5 of a triangle of P2
+_nodal_places: WeakKeyDictionary[Panel, Places] = WeakKeyDictionary()
 
 
 def along_axes(S: np.ndarray, grain: np.ndarray) -> np.ndarray:
@@ -39,90 +39,78 @@ def along_axes(S: np.ndarray, grain: np.ndarray) -> np.ndarray:
     return np.stack([xx, yy, xy], axis=-1)
 
 
-def membranes_of(system: System) -> list[Any]:
-    """Return the bound membranes that give the stress of a deformation gradient."""
-    return [term for term in system.bound if hasattr(term, "stress_of")]
-
-
 @dataclass(frozen=True, eq=False)
 class RecoveredStress:
-    """Places of the flat cloth, and how the recovered stress there is computed.
+    """The recovered stress of a system at some places; call it with positions.
 
     Attributes
     ----------
     system
         The cloth and its terms.
-    gradient
-        The recovered gradients, one for each row.
-    triangles
-        (r,) a triangle of each row, whose fabric and grain count.
-    place
-        (r,) number of the place of each row.
-    share
-        (r,) weight of the row in the mean at its place.
+    places
+        Where the stress is computed.
     """
 
     system: System
-    gradient: RecoveredGradient
-    triangles: np.ndarray
-    place: np.ndarray
-    share: np.ndarray
+    places: Places
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return S_xx, S_yy, S_xy (places, 3) [N/m] for positions x (n, 3) [m]."""
-        F = self.gradient(x)
-        grain = self.system.panel.grain[self.triangles]
+        triangles = self.places.triangles
+        F = self.places.gradient(x)
+        grain = self.system.panel.grain[triangles]
         c = np.cos(grain)[:, None]
         s = np.sin(grain)[:, None]
         turned = np.stack([c * F[..., 0] + s * F[..., 1], c * F[..., 1] - s * F[..., 0]], axis=-1)
-        S = sum(term.stress_of(turned, self.triangles) for term in membranes_of(self.system))
-        weighted = self.share[:, None] * along_axes(S, grain)
-        sums = np.zeros((int(self.place.max()) + 1, 3))
-        np.add.at(sums, self.place, weighted)
-        return sums
+        membranes = [term for term in self.system.bound if term.has_stress]
+        S = sum(term.stress_of(turned, triangles) for term in membranes)
+        stress: np.ndarray = self.places.mean @ along_axes(S, grain)
+        return stress
+
+
+def without_stress(system: System) -> str:
+    """Why a system has no recovered stress, or ""."""
+    membranes = [(name, term.gives_stress) for name, term in system.named if term.has_stress]
+    if not membranes:
+        return f"needs a membrane: no term of {', '.join(system.names) or '(none)'} has a stress"
+    if not system.is_whole:
+        return "is not offered by several processes"
+    if silent := [name for name, gives_stress in membranes if not gives_stress]:
+        return f"{' and '.join(silent)} does not tell the stress of a deformation gradient"
+    return ""
 
 
 def stress_at_nodes(system: System) -> RecoveredStress | None:
-    """Return the recovered stress at all nodes; None without a membrane that has a stress.
+    """Return the recovered stress at all nodes; None for a system without one.
 
-    At the midpoint of an edge it is the mean of the polynomials of both ends. Where fabrics
-    meet it is the mean of their stresses.
+    Where fabrics meet it is the mean of their stresses.
     """
-    if not membranes_of(system):
+    if without_stress(system):
         return None
-    cloth = system.cloth
-    group = system.panel.material
-    triangle, corner, at = [], [], []
-    for a in range(cloth.stencil.shape[1]):
-        for end in (a,) if a < 3 else EDGES[a - 3]:
-            triangle.append(np.arange(len(group)))
-            corner.append(cloth.stencil[:, end])
-            at.append(cloth.stencil[:, a])
-    triangles, corners, places = map(np.concatenate, (triangle, corner, at))
-    keys = np.stack([places, corners, group[triangles]], axis=1)
-    _, first = np.unique(keys, axis=0, return_index=True)
-    triangles, corners, places = triangles[first], corners[first], places[first]
-    rows = Rows(corners, group[triangles], cloth.X[places])
-    gradient = recover_gradient(cloth.X, cloth.stencil, group, rows)
-    share = 1.0 / np.bincount(places, minlength=len(cloth.X))[places]
-    return RecoveredStress(system, gradient, triangles, places, share)
+    return RecoveredStress(system, nodal_places(system.panel))
+
+
+def nodal_places(panel: Panel) -> Places:
+    """Return the nodes of a panel as places; they are made once, for all frames of a run."""
+    if panel not in _nodal_places:
+        cloth = panel.cloth
+        _nodal_places[panel] = places_at_nodes(cloth.X, cloth.stencil, panel.material)
+    return _nodal_places[panel]
 
 
 def stress_at_point(system: System, point: Sequence[float]) -> RecoveredStress:
     """Return the recovered stress at a point (X, Y) [m] of the flat cloth.
 
-    Raises `InputError` for a point outside the cloth, and for a system without a membrane that
-    has a stress.
+    Raises `InputError` for a point outside the cloth, and for a system without a recovered
+    stress.
     """
     cloth = system.cloth
     place = np.asarray(point, float)
     where = f"stress at ({place[0]:g}, {place[1]:g})"
-    if not membranes_of(system):
-        remedy = "Add StVK or another membrane."
-        raise InputError(where, f"needs a membrane with a stress: {WITHOUT}", "", remedy)
-    corners = cloth.stencil[:, :3]
+    if why := without_stress(system):
+        raise InputError(where, why, "", "Add StVK or another membrane.")
     try:
-        cell = int(locate(cloth.X, corners, place[None])[0])
+        cell = int(locate(cloth.X, cloth.stencil[:, :3], place[None])[0])
     except MeshError:
         low, high = cloth.X.min(axis=0), cloth.X.max(axis=0)
         allowed = (
@@ -131,7 +119,4 @@ def stress_at_point(system: System, point: Sequence[float]) -> RecoveredStress:
         )
         raise InputError(where, allowed) from None
     group = system.panel.material
-    rows = Rows(corners[cell], np.full(3, group[cell]), np.tile(place, (3, 1)))
-    gradient = recover_gradient(cloth.X, cloth.stencil, group, rows)
-    share = np.linalg.solve(np.vstack([cloth.X[corners[cell]].T, np.ones(3)]), [*place, 1.0])
-    return RecoveredStress(system, gradient, np.full(3, cell), np.zeros(3, int), share)
+    return RecoveredStress(system, place_in_triangle(cloth.X, cloth.stencil, group, cell, place))

@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.system.recovered_stress import along_axes, stress_at_nodes, stress_at_point
+from fecloth.system.recovered_stress import (
+    along_axes,
+    nodal_places,
+    stress_at_nodes,
+    stress_at_point,
+)
 
 Y, NU = 1000.0, 0.3
 K = 2.0  # of the displacement: 1/m
 SMALL = 1e-7
 STRETCH = 1.01  # keeps the sheet taut, so that it stays flat
+TABLE = np.array([[1.0, 0.0], [1.05, 20.0], [1.2, 200.0]])  # stretch, force [N/m]
+SHEAR = np.array([[0.0, 0.0], [0.1, 3.0], [0.3, 20.0]])  # angle, force [N/m]
 INSIDE = np.array([(0.31, 0.33), (0.43, 0.37), (0.62, 0.41), (0.38, 0.64), (0.57, 0.59)])
 
 
@@ -34,7 +41,7 @@ def exact(X):
 
 def solved(element, h, pattern="unstructured", grain=0.0, term=None):
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=h, pattern=pattern, element=element)
-    fabric = fc.Fabric(0.2, Y, NU, bending_rigidity=1e-5)
+    fabric = fc.Fabric(0.2, Y, NU)
     terms = [term or fc.StVK()]
     system = fc.System(cloth, fabric, terms, [fc.Pin("boundary")], grain=grain)
     return system, fc.equilibrium(system, system.state(displaced(cloth.X)), tolerance=1e-11)
@@ -85,9 +92,9 @@ def test_the_gradient_of_a_polynomial_is_exact_also_at_the_border(element, degre
     system = fc.System(cloth, fc.Fabric(0.2, Y, NU), [fc.StVK()])
     X, Y_ = cloth.X.T
     field = np.column_stack([X**degree, X * Y_, Y_**degree - X])
-    nodes = stress_at_nodes(system)
-    at = cloth.X[nodes.place]
-    gradient = nodes.gradient(field)
+    places = nodal_places(system.panel)
+    at = cloth.X[places.mean.tocoo().row]  # one row or more of each node
+    gradient = places.gradient(field)
     assert gradient[:, 0, 0] == pytest.approx(degree * at[:, 0] ** (degree - 1), abs=1e-9)
     assert gradient[:, 1] == pytest.approx(at[:, ::-1], abs=1e-9)
     assert gradient[:, 2, 1] == pytest.approx(degree * at[:, 1] ** (degree - 1), abs=1e-9)
@@ -98,9 +105,48 @@ def test_points_outside_and_cloths_without_a_stress_are_refused():
     with pytest.raises(fc.InputError, match=r"stress at \(3, 0\).*0 <= X <= 1 m"):
         stress_at_point(system, (3.0, 0.0))
     springs = fc.System(system.cloth, system.fabric, [fc.Springs()])
-    with pytest.raises(fc.InputError, match="StVK"):
+    with pytest.raises(fc.InputError, match="no term of Springs has a stress"):
         stress_at_point(springs, (0.5, 0.5))
     assert stress_at_nodes(springs) is None
+
+
+MEMBRANES = [
+    fc.StVK(),
+    fc.NeoHookean(),
+    fc.TensorCondition(50.0),
+    fc.TensionField(),
+    fc.BaraffWitkin(),
+    fc.MembraneTable(warp=TABLE, weft=TABLE, shear=SHEAR),
+]
+
+
+@pytest.mark.parametrize("term", MEMBRANES, ids=lambda term: type(term).__name__)
+def test_of_an_even_strain_it_is_the_stress_of_the_triangles(term):
+    """On two regions with other grains; where they meet it is the mean of both sides."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    left = cloth.X[cloth.triangles].mean(axis=1)[:, 0] < 0.5
+    regions = {"left": np.flatnonzero(left), "right": np.flatnonzero(~left)}
+    cloth = fc.Cloth.from_arrays(cloth.X, cloth.triangles, regions=regions, renumber=False)
+    left = np.isin(np.arange(len(left)), cloth.region("left"))
+    grain = {"left": 0.3, "right": -0.2}
+    fabric = fc.Fabric(0.2, (Y, 700.0), 0.2, shear_stiffness=60.0)
+    if isinstance(term, fc.NeoHookean | fc.TensionField):
+        fabric = fc.Fabric(0.2, Y, NU)
+    system = fc.System(cloth, fabric, [term], grain=grain)
+    x = cloth.X @ np.array([[1.05, 0.02, 0.1], [0.0, 1.01, 0.05]])
+    out = np.zeros((len(cloth.triangles), 4))
+    system.bound[0].add_stress(x, out)
+    S = along_axes(out[:, :3], system.panel.grain)
+    nodes = stress_at_nodes(system)(x)
+    sides = S[left][0], S[~left][0]
+    for X, expected in ((0.0, sides[0]), (0.5, np.mean(sides, axis=0)), (1.0, sides[1])):
+        on = cloth.X[:, 0] == X
+        assert nodes[on] == pytest.approx(np.tile(expected, (on.sum(), 1)))
+
+
+def test_the_matrices_are_made_once_for_all_frames():
+    system, _ = solved("P1", 0.25)
+    assert stress_at_nodes(system).places is stress_at_nodes(system).places
 
 
 def test_two_membranes_add_up():

@@ -42,7 +42,7 @@ from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import CONSTANT, QUADRATIC, Samples
 from fecloth.terms.discrete_gradient import OverMean
 from fecloth.terms.kinematics import deformation_gradient, green_strains, membrane_error
-from fecloth.terms.loops.membrane_loops import POINTWISE, Kernels
+from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part, cut
 from fecloth.terms.protocol import BoundTerm
@@ -204,7 +204,7 @@ class BoundMembrane(BoundTerm):
         at_rest = np.broadcast_to(0.0, (r, 1, 3))
         out = np.zeros((r, 4))
         arrays = nodes, G, np.ones((r, 1)), constants, at_rest
-        add = replace(self.kernels, kind=POINTWISE).add_stress
+        add = self.kernels.pointwise.add_stress
         add((0, 0, 0), (0,), *arrays, corners, corners, out)
         return out[:, :3]
 
