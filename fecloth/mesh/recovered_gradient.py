@@ -19,7 +19,10 @@ import scipy.sparse as sparse
 from fecloth.mesh.recovery import LEAST_GOOD_PIVOT, solve_normal_equations
 
 EDGES = ((0, 1), (1, 2), (0, 2))  # corners of the midpoints 3, 4 and 5 of a triangle of P2
-MOST_RINGS = 4  # of triangles in a patch
+# Rings of triangles in a patch. With one ring the stress of P2 on the pattern "cross" has order
+# 2.1 inside the cloth, with two it has order 3.
+LEAST_RINGS = 2
+MOST_RINGS = 4
 SPARE_NODES = 1.3  # nodes of a patch over the coefficients of its polynomial, at least
 
 
@@ -56,17 +59,21 @@ class RecoveredGradient:
         """Return the gradients (r, d, 2) of a nodal field (n, d)."""
         return np.stack([self.X @ field, self.Y @ field], axis=-1)
 
+    def blended(self, shares: sparse.csr_matrix) -> Self:
+        """Return gradients that are sums of these by the shares (s, r)."""
+        return type(self)(shares @ self.X, shares @ self.Y)
+
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places of the flat cloth, each with polynomials whose mean counts there.
+    """Places of the flat cloth. A place has a gradient for each group of triangles around it.
 
     Attributes
     ----------
     gradient
-        The recovered gradients, one for each row.
+        The recovered gradients, one in each row.
     triangles
-        (r,) a triangle of each row, whose material counts.
+        (r,) a triangle of the group of each row.
     mean
         (places, r) sparse matrix from values of the rows to their mean at each place.
     """
@@ -79,8 +86,7 @@ class Places:
 def places_at_nodes(X: np.ndarray, stencil: np.ndarray, group: np.ndarray) -> Places:
     """Return all nodes as places; see `recover_gradient` for the arguments.
 
-    At the midpoint of an edge it is the mean of the polynomials of both ends, and where groups
-    meet the mean of theirs.
+    The gradient at the midpoint of an edge is the mean of those of the polynomials of both ends.
     """
     triangle, corner, node = [], [], []
     for a in range(stencil.shape[1]):
@@ -92,9 +98,17 @@ def places_at_nodes(X: np.ndarray, stencil: np.ndarray, group: np.ndarray) -> Pl
     _, first = np.unique([nodes, corners, group[triangles]], axis=1, return_index=True)
     triangles, corners, nodes = triangles[first], corners[first], nodes[first]
     rows = Rows(corners, group[triangles], X[nodes])
-    share = 1.0 / np.bincount(nodes, minlength=len(X))[nodes]
-    mean = sparse.csr_matrix((share, (nodes, np.arange(len(nodes)))))
-    return Places(recover_gradient(X, stencil, group, rows), triangles, mean)
+    _, first, pair = np.unique(
+        [nodes, group[triangles]], axis=1, return_index=True, return_inverse=True
+    )
+    gradient = recover_gradient(X, stencil, group, rows).blended(mean_of(pair))
+    return Places(gradient, triangles[first], mean_of(nodes[first]))
+
+
+def mean_of(number: np.ndarray) -> sparse.csr_matrix:
+    """Return the matrix (max + 1, r) to the means of the rows that have the same number."""
+    share = 1.0 / np.bincount(number)[number]
+    return sparse.csr_matrix((share, (number, np.arange(len(number)))))
 
 
 def place_in_triangle(
@@ -103,9 +117,9 @@ def place_in_triangle(
     """Return a point (2,) [m] of the triangle `cell` as the only place."""
     corners = stencil[cell, :3]
     rows = Rows(corners, np.full(3, group[cell]), np.tile(point, (3, 1)))
-    gradient = recover_gradient(X, stencil, group, rows)
-    share = np.linalg.solve(np.vstack([X[corners].T, np.ones(3)]), [*point, 1.0])
-    return Places(gradient, np.full(3, cell), sparse.csr_matrix(share))
+    barycentric = np.linalg.solve(np.vstack([X[corners].T, np.ones(3)]), [*point, 1.0])
+    gradient = recover_gradient(X, stencil, group, rows).blended(sparse.csr_matrix(barycentric))
+    return Places(gradient, np.array([cell]), sparse.identity(1, format="csr"))
 
 
 def recover_gradient(
@@ -203,11 +217,12 @@ def _fits(X, stencil, group, polynomials, degree: int) -> Iterator[tuple]:
     """Yield numbers (t,) of polynomials, their numbers (t,) in a `Fit`, and the `Fit`.
 
     `polynomials` are the corner and the group of each. A patch has the triangles around the
-    corner; where these do not determine the polynomial well, the triangles around these, too.
+    corner, and the triangles around these; where they do not determine the polynomial well, it
+    has a ring or two more.
     """
     corner, own_group = polynomials
     remaining = np.arange(len(corner))
-    for ring in range(1, MOST_RINGS + 1):
+    for ring in range(LEAST_RINGS, MOST_RINGS + 1):
         patches = _patches(len(X), stencil, group, corner[remaining], own_group[remaining], ring)
         count = np.diff(patches.indptr)
         is_poor = np.zeros(len(remaining), bool)
