@@ -196,8 +196,10 @@ class Fit:
         powers = np.array([(i, k - i) for k in range(degree + 1) for i in range(k + 1)])
         A = np.stack([x**i * y**j for i, j in powers], axis=-1)
         transposed = A.swapaxes(1, 2)
-        both_sides = np.concatenate([transposed @ A, transposed], axis=2)
-        pivot, weights = solve_normal_equations(both_sides / nodes.shape[1])
+        normal = transposed @ A / nodes.shape[1]
+        identity = np.broadcast_to(np.eye(len(powers)), normal.shape)
+        pivot, inverse = solve_normal_equations(np.concatenate([normal, identity], axis=2))
+        weights = inverse @ transposed / nodes.shape[1]
         is_good = pivot > LEAST_GOOD_PIVOT**degree
         is_good &= nodes.shape[1] >= SPARE_NODES * len(powers)
         return cls(nodes, centre, size, powers, weights, is_good)
