@@ -89,7 +89,7 @@ def _bind_stress(name: str, system: System) -> Measure:
         allowed = "must be stress.xx, stress.yy or stress.xy at a point of the flat cloth"
         raise InputError(f"quantity {name!r}", allowed, "", "Write stress.xx at (0.1, 0.2).")
     X, Y = (_length(name, match[axis]) for axis in "XY")
-    stress = stress_at_point(system, (X, Y))
+    stress = stress_at_point(system, (X, Y), match["region"])
     component = COMPONENTS.index(match["part"])
     return lambda x, row: {name: float(stress(x)[0, component])}
 

@@ -28,7 +28,9 @@ EXAMPLES = (
     "drape_coefficient, folds, line_force.left.x, stress.xx at (0.1, 0.2)"
 )
 _MODE = re.compile(r"frequency\s*\(\s*(\d+)\s*\)")
-STRESS = re.compile(r"stress\.(?P<part>xx|yy|xy) at \((?P<X>[^,()]+), ?(?P<Y>[^,()]+)\)")
+STRESS = re.compile(
+    r"stress\.(?P<part>xx|yy|xy)(?: of (?P<region>.+?))? at \((?P<X>[^,()]+), ?(?P<Y>[^,()]+)\)"
+)
 _TEXT = re.compile(
     rf"(?:(?P<how>{'|'.join(HOW)})\s+)?(?P<name>{STRESS.pattern}|.+?)(?:\s+in\s+(?P<norm>\w+))?"
     r"(?:\s+at\s+(?:(?P<end>the end)|(?P<at>[-+.\deE]+)\s*(?P<unit>\w*)))?"

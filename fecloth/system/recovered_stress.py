@@ -17,7 +17,7 @@ import numpy as np
 
 from fecloth.errors import InputError, MeshError
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.norms import locate
+from fecloth.mesh.norms import containing
 from fecloth.mesh.recovered_gradient import Places, place_in_triangle, places_at_nodes
 from fecloth.system.system import System
 
@@ -98,25 +98,38 @@ def nodal_places(panel: Panel) -> Places:
     return _nodal_places[panel]
 
 
-def stress_at_point(system: System, point: Sequence[float]) -> RecoveredStress:
+def stress_at_point(
+    system: System, point: Sequence[float], region: str | None = None
+) -> RecoveredStress:
     """Return the recovered stress at a point (X, Y) [m] of the flat cloth.
 
-    Raises `InputError` for a point outside the cloth, and for a system without a recovered
-    stress.
+    `region` is the name of a region of triangles, where pieces overlap or fabrics meet. Raises
+    `InputError` for a point outside the cloth or the region, for a point on two pieces or two
+    fabrics without a region, and for a system without a recovered stress.
     """
     cloth = system.cloth
     place = np.asarray(point, float)
     where = f"stress at ({place[0]:g}, {place[1]:g})"
     if why := without_stress(system):
         raise InputError(where, why, "", "Add StVK or another membrane.")
+    corners = cloth.stencil[:, :3]
+    chosen = np.arange(len(corners)) if region is None else cloth.region(region)
     try:
-        cell = int(locate(cloth.X, cloth.stencil[:, :3], place[None])[0])
+        cells = chosen[containing(cloth.X, corners[chosen], place)]
     except MeshError:
-        low, high = cloth.X.min(axis=0), cloth.X.max(axis=0)
+        X = cloth.X[corners[chosen].ravel()]
+        low, high = X.min(axis=0), X.max(axis=0)
         allowed = (
-            "must be a point of the flat cloth, which lies in "
+            f"must be a point of {region or 'the flat cloth'}, which lies in "
             f"{low[0]:g} <= X <= {high[0]:g} m, {low[1]:g} <= Y <= {high[1]:g} m"
         )
         raise InputError(where, allowed) from None
     group = system.panel.material
+    of_one_piece = set[int].intersection(*(set(nodes) for nodes in corners[cells].tolist()))
+    if not of_one_piece or len(np.unique(group[cells])) > 1:
+        allowed = "needs a region: two pieces overlap there, or two fabrics meet"
+        names = [name for name, own in cloth.triangle_sets.items() if np.isin(own, cells).any()]
+        remedy = f"Write stress.xx of REGION at (X, Y), with one of {', '.join(sorted(names))}."
+        raise InputError(where, allowed, "", remedy)
+    cell = int(cells[0])
     return RecoveredStress(system, place_in_triangle(cloth.X, cloth.stencil, group, cell, place))
