@@ -153,11 +153,11 @@ def recover_gradient(
         column.append(fit.nodes[own].ravel())
         along_x.append(weights[:, 0].ravel())
         along_y.append(weights[:, 1].ravel())
-    place = np.concatenate(index), np.concatenate(column)
+    entries = np.concatenate(index), np.concatenate(column)
     shape = len(rows.corner), len(X)
     return RecoveredGradient(
-        sparse.csr_matrix((np.concatenate(along_x), place), shape=shape),
-        sparse.csr_matrix((np.concatenate(along_y), place), shape=shape),
+        sparse.csr_matrix((np.concatenate(along_x), entries), shape=shape),
+        sparse.csr_matrix((np.concatenate(along_y), entries), shape=shape),
     )
 
 
