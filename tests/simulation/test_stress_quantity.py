@@ -76,6 +76,7 @@ def test_a_motion_has_it_at_each_step(scene):
         assert list(row.values())[2:5] == pytest.approx(ends, rel=1e-3)
 
 
+@pytest.mark.stories
 def test_studies_take_it(scene):
     problem = scene(STRIP + INTEREST)
     study = fc.study.of(problem)
