@@ -102,7 +102,8 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
 def containing(X: np.ndarray, triangles: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Return the triangles that contain a point (2,) [m]; at a node or on an edge there are more.
 
-    Of a point outside it is the nearest triangle. Raises what `locate` raises.
+    Of a point outside it is the nearest triangle. The corners of `triangles` (m, 3) are
+    counter-clockwise. Raises what `locate` raises.
     """
     corners = X[triangles]
     round_off = 1e-9 * np.ptp(corners, axis=1).max()

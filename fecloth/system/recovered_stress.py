@@ -113,7 +113,7 @@ def stress_at_point(
     where = f"stress at ({place[0]:g}, {place[1]:g})"
     if why := without_stress(system):
         raise InputError(where, why, "", "Add StVK or another membrane.")
-    corners = cloth.stencil[:, :3]
+    corners = cloth.triangles
     chosen = np.arange(len(corners)) if region is None else cloth.region(region)
     try:
         cells = chosen[containing(cloth.X, corners[chosen], place)]

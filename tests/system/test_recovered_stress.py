@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.mesh.recovered_gradient import EDGES
 from fecloth.system.recovered_stress import (
     along_axes,
     nodal_places,
@@ -148,6 +149,37 @@ def test_of_an_even_strain_it_is_the_stress_of_the_triangles(term):
 def test_the_matrices_are_made_once_for_all_frames():
     system, _ = solved("P1", 0.25)
     assert stress_at_nodes(system).places is stress_at_nodes(system).places
+
+
+def test_where_pieces_overlap_or_fabrics_meet_a_region_is_needed():
+    layer = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    cloth = fc.Cloth.join([layer, layer], ["top", "apron"])
+    system = fc.System(cloth, fc.Fabric(0.2, Y), [fc.StVK()])
+    stretch = np.repeat([1.1, 1.2], len(layer.X))
+    x = stretch[:, None] * system.rest().x
+    with pytest.raises(fc.InputError, match=r"needs a region.*one of apron, top"):
+        stress_at_point(system, (0.3, 0.3))
+    for name, s in (("top", 1.1), ("apron", 1.2)):
+        at = stress_at_point(system, (0.3, 0.3), name)(x)[0]
+        assert at == pytest.approx([Y * (s**2 - 1) / 2] * 2 + [0.0], abs=1e-9)
+    left = layer.X[layer.triangles].mean(axis=1)[:, 0] < 0.5
+    regions = {"left": np.flatnonzero(left), "right": np.flatnonzero(~left)}
+    cloth = fc.Cloth.from_arrays(layer.X, layer.triangles, regions=regions)
+    fabrics = {"left": fc.Fabric(0.2, Y), "right": fc.Fabric(0.2, 2 * Y)}
+    system = fc.System(cloth, fabrics, [fc.StVK()])
+    x = 1.1 * system.rest().x
+    with pytest.raises(fc.InputError, match=r"needs a region.*one of left, right"):
+        stress_at_point(system, (0.5, 0.3))
+    sides = [stress_at_point(system, (0.5, 0.3), side)(x)[0, 0] for side in regions]
+    assert sides == pytest.approx([Y * 0.105, 2 * Y * 0.105])
+
+
+def test_midpoints_lie_between_the_corners_that_count():
+    cloth = fc.Cloth.rectangle(1.0, 0.7, h=0.25, element="P2")
+    corners = cloth.X[cloth.stencil[:, :3]]
+    for a, ends in enumerate(EDGES, start=3):
+        middle = corners[:, ends].mean(axis=1)
+        assert cloth.X[cloth.stencil[:, a]] == pytest.approx(middle)
 
 
 def test_two_membranes_add_up():
