@@ -3,7 +3,7 @@
 The stress of the mesh jumps between triangles. Here a smooth deformation gradient F is recovered
 from the positions (`fecloth.mesh.recovered_gradient`), apart on each side of a seam between two
 fabrics, and the laws give the stress of it. Inside the cloth its error falls with h² on P1 and
-h³ on P2 or faster (orders of 1.9 to 2.4 and of 2.9 to 5.5 on the four patterns of a rectangle); at
+h³ on P2 or faster (orders of 1.9 to 2.3 and of 2.9 to 5.5 on the four patterns of a rectangle); at
 a straight border with h^1.5 to h^1.9 and h^2.7.
 
 It is S, the second Piola–Kirchhoff stress resultant [N/m], along the axes X and Y of the flat
