@@ -249,4 +249,17 @@ def _load(path: str, reading: Reading, threads: str | None) -> "Scene":
     changes = list(reading.set_ or ())
     if threads is not None:
         changes.append(f"solver.threads={threads}")
-    return reading.load(path, changes)
+    scene = reading.load(path, changes)
+    if scene.uncertain:
+        _refuse_unknown_inputs(scene)
+    return scene
+
+
+def _refuse_unknown_inputs(scene: "Scene") -> None:
+    """Raise `SceneError` for an entry of [uncertain] that `fecloth budget` would refuse."""
+    from fecloth.scene.error_words import errors_at
+    from fecloth.study.budgeting.inputs import read_inputs
+    from fecloth.study.problem import StudyProblem
+
+    with errors_at("uncertain", scene.source):
+        read_inputs(StudyProblem.of(scene), scene.uncertain)

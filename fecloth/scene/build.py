@@ -27,6 +27,7 @@ from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Time
 from fecloth.simulation.defined_in_time import refuse_undefined
 from fecloth.simulation.disturbance import bend_by_mode, lift_by_waves
+from fecloth.simulation.doubts.units import refuse_start_in_other_units
 from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
@@ -39,6 +40,7 @@ from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Motion, Pin
 from fecloth.system.state import State, make_state
 from fecloth.system.system import System
+from fecloth.terms.custom.condition import RESERVED
 from fecloth.terms.protocol import has_own
 from fecloth.validation import FARTHEST
 
@@ -75,7 +77,7 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
     else:
         note = ""
     with errors_of_key("measured"):
-        measured = read_measured(scene.measured)
+        measured = read_measured(scene.measured, (*system.names, *RESERVED))
         interest = scene.quantities
     asked = [*scene.expect, *(quantity.column for quantity in interest)]
     problem = Problem(
@@ -295,8 +297,11 @@ def _check_start(scene: Any, system: System, state: State, errors_of_key: Errors
     """Raise `SceneError` for a term that cannot begin from the start.
 
     That is a term that refuses the positions (such as contact of a cloth inside an obstacle),
-    one whose force is not finite, or one with a force above `LARGEST_FORCE` on a node.
+    one whose force is not finite, or one with a force above `LARGEST_FORCE` on a node. Also raise
+    it for positions in another unit than the cloth.
     """
+    with errors_of_key("start"):
+        refuse_start_in_other_units(system.cloth, state.x, where="")
     for name, term in system.named:
         f = np.zeros_like(state.x)  # forces [N], (n, 3)
         with errors_of_key("start"):

@@ -123,18 +123,26 @@ class Interest(Table):
         return tuple(quantity for group in self.parsed.values() for quantity in group)
 
 
-def read_measured(table: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+def names_of_measured(table: Mapping[str, Any]) -> list[str]:
+    """Return the names of the quantities of [measured], with single spaces."""
+    return [" ".join(name.split()) for name, _ in flatten_tables(table)]
+
+
+def read_measured(
+    table: Mapping[str, Any], energies: Iterable[str]
+) -> dict[str, tuple[float, float]]:
     """Return the measured values and their standard uncertainties, both in SI, by quantity.
 
     Each entry of the table is a pair: the value, and its uncertainty, which may also be "2 %" of
     the value. Both are numbers in SI, or texts with a unit such as "36 mm". Raise `InputError`
-    for anything else, and for an uncertainty of 0.
+    for anything else, and for an uncertainty of 0. `energies` are names of columns in J.
     """
     measured = {}
     for name, entry in flatten_tables(table):
         pair = entry
         if isinstance(entry, list | tuple):
-            pair = [_in_si(name, value) for value in entry]
+            unit = parse_quantity(name).unit(energies)
+            pair = [_in_si(name, value, unit) for value in entry]
         is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0])
         u = part_of(pair[0], pair[1], f"measured {name}") if is_pair else 0.0
         if not (is_number(u) and u > 0):
@@ -142,17 +150,15 @@ def read_measured(table: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
                 'must be a value and its standard uncertainty > 0, as [0.036, 0.0005 or "2 %"]'
             )
             raise InputError(f"measured {name} = {brief(entry)}", allowed)
-        text = " ".join(name.split())  # as the text of a quantity: single spaces
-        measured[text] = (float(pair[0]), float(u))
+        measured[" ".join(name.split())] = (float(pair[0]), float(u))
     return measured
 
 
-def _in_si(name: str, value: Any) -> Any:
-    """Return a text with a unit of the quantity `name` as a number in SI, others as they are."""
+def _in_si(name: str, value: Any, unit: str) -> Any:
+    """Return a text with a unit as a number in SI, if `unit` is the SI unit; others as they are."""
     if not (isinstance(value, str) and is_quantity(value)):
         return value
-    dimension = dimension_of(parse_quantity(name).unit())
-    return units.quantity(f"measured {name}", value, dimension)
+    return units.quantity(f"measured {name}", value, dimension_of(unit))
 
 
 def _as_tuple(value: Any) -> Any:

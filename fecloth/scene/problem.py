@@ -1,13 +1,16 @@
 """A problem: the objects of a scene."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fecloth.scene.schedule import Output
 from fecloth.simulation.doubts.before_run import NOTES, find_doubts
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.record_steps import rows_at_least
 from fecloth.simulation.setup import Setup
+from fecloth.simulation.step_times import SAME_TIME
 from fecloth.simulation.steps import StepInfo
 
 
@@ -39,6 +42,23 @@ class Problem(Setup):
     def dt(self) -> float | None:
         """The step [s] if it is fixed, else None."""
         return self.steps.dt
+
+    def doubts(self) -> list[Doubt]:
+        """Return what is doubtful before the first step, also of [output]."""
+        return [*super().doubts(), *self._doubt_spacings()]
+
+    def _doubt_spacings(self) -> Iterator[Doubt]:
+        """Doubt each time between two frames or restart files that is longer than the run."""
+        span = self.t_end - self.start.t
+        for key, files in {"every": "frames", "restart_every": "restart files"}.items():
+            every = getattr(self.output, key)
+            if every and every > span * (1 + SAME_TIME):
+                words = (
+                    f"output.{key} = {every:g} s is longer than the run of {span:g} s: there are "
+                    f"{files} at the start and the end only"
+                )
+                remedy = f"take {key} below {span:g} s; a bare number is in seconds"
+                yield Doubt(DoubtKind.STEP, words, remedy)
 
     def notes(self) -> list[str]:
         """Return lines for the plan of the run: facts that are easily overlooked."""

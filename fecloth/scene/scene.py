@@ -29,7 +29,7 @@ from fecloth.scene.probe_tables import (
     Expectations,
     Interest,
     ProbeTable,
-    read_measured,
+    names_of_measured,
     refuse_times,
 )
 from fecloth.scene.problem import Problem
@@ -86,8 +86,8 @@ class Scene(Table):
     """For `fecloth budget`: standard uncertainties of numbers by key, as "10 %"
     or in their units; start = 5 for disturbed starts."""
     measured: dict = Field({})
-    """By quantity, the measured value and its standard uncertainty, as a number or "2 %".
-    A run shows them beside its own; `fecloth budget` compares them."""
+    """By quantity, the measured value and its standard uncertainty, as ["36 mm", "2 %"]: numbers
+    in SI or with a unit. A run shows them beside its own; `fecloth budget` compares them."""
 
     _source: str = PrivateAttr("scene")
     _arguments: tuple[str, ...] = PrivateAttr(())
@@ -220,7 +220,7 @@ class Scene(Table):
         """
         quantities = list(self.interest.all) if self.interest else []
         texts = {quantity.text for quantity in quantities}
-        measured = (name for name in read_measured(self.measured) if name not in texts)
+        measured = (name for name in names_of_measured(self.measured) if name not in texts)
         quantities += map(parse_quantity, measured)
         return tuple(quantities) or places_of(probe.probe() for probe in self.probes)
 

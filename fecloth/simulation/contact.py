@@ -8,6 +8,7 @@ import numpy as np
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.shorter_steps import key_of_step
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -51,7 +52,8 @@ class Contact(Account):
             v = term.touch_speed(info.old, new.x, new.t)
             ratio = STEPS_PER_BOUNCE * v * info.dt / term.gap
             if ratio > max(1.0, after.ratio):
-                after = after.changed(ratio=ratio, least=_unresolved(name, term, v, info.dt))
+                unresolved = _unresolved(name, term, v, info.dt, key_of_step(run.method))
+                after = after.changed(ratio=ratio, least=unresolved)
         return after
 
     def finish(self, run: Run, end: End, others: Accounts) -> "Contact":
@@ -85,14 +87,17 @@ def describe_contact(system: System, start: State, end: State) -> str:
     return "; ".join(sentences)
 
 
-def _unresolved(name: str, term: Any, v: float, dt: float) -> Doubt:
-    """Return the doubt that steps of dt do not resolve a touch with the speed v."""
+def _unresolved(name: str, term: Any, v: float, dt: float, key: str) -> Doubt:
+    """Return the doubt that steps of dt do not resolve a touch with the speed v.
+
+    `key` is what bounds the steps of the run.
+    """
     words = (
         f"bounces off {name} are not resolved: parts of the cloth touch it with {v:.3g} m/s in "
         f"steps of {dt:.3g} s, so that the speed with which they leave depends on dt"
     )
     resolving = term.gap / (STEPS_PER_BOUNCE * v)
-    remedy = f"dt = {resolving:.2g} s resolves them, and restitution = 0 has none"
+    remedy = f"{key} = {resolving:.2g} s resolves them, and restitution = 0 has none"
     return Doubt(DoubtKind.BOUNCE, words, remedy)
 
 

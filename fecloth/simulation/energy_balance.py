@@ -15,6 +15,7 @@ from fecloth.simulation.deformation import (
 )
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.shorter_steps import name_shorter_steps
 from fecloth.simulation.step_failures import explain
 from fecloth.simulation.steps import Problem, StepInfo, step_failed
 from fecloth.system.state import State
@@ -175,16 +176,16 @@ class Balance(Account):
         return {"drift": drift}
 
 
-def doubt_balance(balance: Balance) -> Doubt:
+def doubt_balance(run: Run, balance: Balance) -> Doubt:
     """Return the doubt about a balance that is off at the end of a run."""
     by = f"off by {balance.remainder:.3g} J, where {balance.moved:.3g} J have moved"
     if not math.isfinite(balance.remainder):
         by = "not known, because an energy is not finite: the cloth touches an obstacle"
     words = f"the energy balance is {by}: do not trust this motion"
-    return Doubt(DoubtKind.MOTION, words, "take a smaller dt")
+    return Doubt(DoubtKind.MOTION, words, f"take {name_shorter_steps(run.method)}")
 
 
-def doubt_gain(balance: Balance) -> Doubt | None:
+def doubt_gain(run: Run, balance: Balance) -> Doubt | None:
     """Return a doubt if the method has made more than 5 % of what moved, as at impacts."""
     moved = max(balance.kinetic, balance.moved)
     if balance.gained <= LARGEST_REMAINDER * moved:
@@ -193,7 +194,8 @@ def doubt_gain(balance: Balance) -> Doubt | None:
         f"numerical dissipation was below zero: the method has made {balance.gained:.3g} J, "
         f"where {moved:.3g} J moved, as its steps do not resolve how contacts push"
     )
-    return Doubt(DoubtKind.GAIN, words, "take BackwardEuler, or a smaller dt")
+    remedy = f"take BackwardEuler, or {name_shorter_steps(run.method)}"
+    return Doubt(DoubtKind.GAIN, words, remedy)
 
 
 def doubt_dissipation(run: Run, balance: Balance, ledger: Ledger) -> Doubt | None:
@@ -206,11 +208,12 @@ def doubt_dissipation(run: Run, balance: Balance, ledger: Ledger) -> Doubt | Non
     motion = max(balance.moved, ledger.numerical + sum(ledger.dissipated.values()))
     if not ledger.numerical > MOST_TAKEN * motion + balance.noise(run.system, ledger):
         return None
-    remedy = "take a smaller dt, or a method that dissipates less"
+    shorter = name_shorter_steps(run.method)
+    remedy = f"take {shorter}, or a method that dissipates less"
     if has_kind(run.system.terms, "contact"):
-        remedy = "take a smaller dt"
+        remedy = f"take {shorter}"
         if run.method.traits.order == 1:  # of order 2 BDF2 alone is allowed with contact
-            remedy = "take a smaller dt, or BDF2"
+            remedy = f"take {shorter}, or BDF2"
         remedy += "; impacts without a bounce lose energy anyway, and count here, too"
     words = (
         f"numerical dissipation has taken {ledger.numerical:.3g} J, "

@@ -18,6 +18,7 @@ from fecloth.simulation.beyond_curve import area_beyond, doubt_curve
 from fecloth.simulation.doubts.before_run import OF_EQUILIBRIA, find_doubts
 from fecloth.simulation.doubts.doubt import NOTE, Doubt, warnings_of
 from fecloth.simulation.doubts.planned_run import PlannedRun
+from fecloth.simulation.doubts.units import refuse_start_in_other_units
 from fecloth.simulation.doubts.unseen import find_missed_by_load_steps
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.rest_stability import doubt_jumps, doubt_stability
@@ -270,6 +271,7 @@ def _warn(doubts: Iterable[Doubt]) -> None:
 def _check(system, state, load_steps, tolerance, max_iterations, solver, report):
     """Raise `InputError` for an argument of `equilibrium` that it cannot take."""
     check_system(system, state, "equilibrium")
+    refuse_start_in_other_units(system.cloth, state.x, "equilibrium")
     validation.function(
         "report", report, "lambda iteration: print(iteration.residual)", "equilibrium"
     )

@@ -1,5 +1,6 @@
 """`march`: what is chosen before the first step, and the steps with their explanations."""
 
+import math
 import warnings
 from collections.abc import Generator, Sequence
 from dataclasses import replace
@@ -16,6 +17,7 @@ from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
 from fecloth.simulation.doubts.before_run import OF_MARCH, find_doubts
 from fecloth.simulation.doubts.planned_run import PlannedRun
+from fecloth.simulation.doubts.units import refuse_start_in_other_units
 from fecloth.simulation.fused_march import CHECK_EVERY, Wanted, steps_with_skips
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.resolve import choose_steps, resolve
@@ -156,3 +158,5 @@ def refuse_arguments(
     if newton is not None:
         validation.instance("newton", newton, Newton, "Newton(tolerance=1e-8)", "march")
     validation.number("most_stretch", most_stretch, 1.0, "march", infinite=True)
+    if math.isfinite(most_stretch):
+        refuse_start_in_other_units(system.cloth, state.x, "march")

@@ -19,10 +19,6 @@ STEP_OVER_LIMIT = 0.9  # the estimated limit may be a few per cent too long
 UPDATE_STEPS = 500
 STEPS_BETWEEN_CHECKS = 4  # of the stretches
 STRETCH_BEYOND = 1.02  # times the largest stretch so far: the stiffness grows with its square
-COLLAPSED = (
-    "Its steps are at the stability limit, which fell faster than they follow, as where a cloth "
-    "collapses: take an implicit method, or a term that prevents the collapse."
-)
 LARGEST_GROWTH = 1.05  # of a step: the cloth may become as stiff again
 
 
@@ -131,13 +127,6 @@ class StabilityLimited(ChosenSteps):
             largest=max(largest, last.largest),
             method_memory=last.method_memory,
         )
-
-
-def remedy_for_growth(steps: object) -> str:
-    """Return what to do where a method with these steps has made energy."""
-    if isinstance(steps, StabilityLimited):
-        return COLLAPSED
-    return "Take a smaller dt."
 
 
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:

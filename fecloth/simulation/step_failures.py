@@ -7,10 +7,15 @@ from fecloth.errors import StepFailed
 from fecloth.integrators.protocol import StepChoice
 from fecloth.simulation.doubts.jumps import find_jumping_motions
 from fecloth.simulation.no_room import name_no_room
-from fecloth.simulation.stability_limited import remedy_for_growth
+from fecloth.simulation.shorter_steps import name_shorter_steps
+from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.simulation.steps import SMALLER
 from fecloth.system.system import System
 
+COLLAPSED = (
+    "Its steps are at the stability limit, which fell faster than they follow, as where a cloth "
+    "collapses: take an implicit method, or a term that prevents the collapse."
+)
 ELSEWHERE = "Lead the pins, or the obstacles, elsewhere, or end earlier."
 STEPS_BACK = 2  # before a step that failed, whose jumps are looked for: they can act later
 
@@ -18,8 +23,8 @@ STEPS_BACK = 2  # before a step that failed, whose jumps are looked for: they ca
 def explain(failure: StepFailed, system: System, method: StepChoice) -> StepFailed:
     """Return the failure with its cause, where pins or obstacles have caused it.
 
-    They leave the cloth no room, or they jump. Without such a cause, a step whose equations were
-    solved gets the remedy for the method that took it.
+    They leave the cloth no room, or they jump. Without such a cause, a step that should be
+    shorter gets the remedy for the method that took it.
     """
     assert failure.step is not None
     assert failure.t is not None
@@ -29,8 +34,9 @@ def explain(failure: StepFailed, system: System, method: StepChoice) -> StepFail
     remedy = failure.remedy
     unit = failure.unit
     is_solved = failure.__cause__ is None
-    if is_solved and remedy == SMALLER:
-        remedy = remedy_for_growth(method)
+    if remedy == SMALLER:
+        at_limit = is_solved and isinstance(method, StabilityLimited)
+        remedy = COLLAPSED if at_limit else f"Take {name_shorter_steps(method)}."
     if not is_solved:
         longest = max(failure.dt, method.dt or 0.0)
         if words := name_no_room(system, failure.state, longest):

@@ -61,10 +61,10 @@ def _find_causes(run: Run, others: Accounts) -> Iterator[Doubt]:
     touches = has_kind(run.system.terms, "contact")
     accepted = LARGEST_ACCEPTED if run.method.traits.solves else LARGEST_OF_UNSOLVED
     is_small = estimate is not None and estimate.relative < accepted
-    if touches and (gain := doubt_gain(balance)):
+    if touches and (gain := doubt_gain(run, balance)):
         yield gain
     if balance.is_off(run.system, ledger, far=is_small and not touches):
-        yield doubt_balance(balance)
+        yield doubt_balance(run, balance)
     if estimate and known_error(estimate) > accepted:
         yield Doubt(DoubtKind.TIME, estimate.sentence)
     if estimate and not is_small and (taken := doubt_dissipation(run, balance, ledger)):

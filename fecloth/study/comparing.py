@@ -18,7 +18,7 @@ from fecloth.study.comparison import (
     describe_difference,
     find_scale,
 )
-from fecloth.study.convergence import Convergence, best_value
+from fecloth.study.convergence import Convergence, best_value, has_no_limit
 from fecloth.study.levels import check_levels, levels_to_run, other_shares
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.overlay import Overlay
@@ -193,7 +193,7 @@ def _subtract(a: Convergence, b: Convergence, quantity: Quantity) -> Difference:
         space_order, _ = a.levels[0]["problem"].orders(quantity)
         others = other_shares(a.levels[0], a.others, changes, space_order)
         refined = Limit.of(a.table[a.size_name], differences, a.theory, a.refine, others)
-        if refined.estimate.behaviour != "diverging" and refined.uncertainty < uncertainty:
+        if not has_no_limit(refined.estimate) and refined.uncertainty < uncertainty:
             limit, uncertainty = refined.estimate.limit, refined.uncertainty
     scale = find_scale(a)
     if math.isnan(scale):

@@ -140,7 +140,9 @@ def describe_difference(comparison: Comparison, name: str) -> str:
     difference = comparison.differences[name]
     unit = comparison.unit_of_differences
     size = with_uncertainty(abs(difference.limit), difference.uncertainty, unit)
-    if abs(difference.limit) <= difference.uncertainty:
+    if math.isnan(difference.uncertainty):
+        sentence = f"{name} differs from {first} on the finest level by {size}"
+    elif abs(difference.limit) <= difference.uncertainty:
         sentence = f"{name} and {first} cannot be told apart: the difference is {size}"
     elif not math.isfinite(comparison.studies[first].limit):  # a field, whose difference is a size
         sentence = f"{name} differs from {first} by {size}"

@@ -50,7 +50,8 @@ class Convergence(StudyResult):
         The quantity on the finest level; of a field, path or vector its size.
     uncertainty
         The exact value is expected in value ± uncertainty: of what was refined, plus the
-        shares; at least the distance of other states. NaN where these are not excluded.
+        shares; at least the distance of other states. NaN where these are not excluded, and where
+        no limit is seen.
     limit
         The value extrapolated to h = 0 or dt = 0.
     order
@@ -76,6 +77,8 @@ class Convergence(StudyResult):
     states
         Of an equilibrium that may have other states: (value, number of folds) of each state that
         was found, first that of the finest level.
+    may_have_other_states
+        Whether an equilibrium may have other states that were not found.
     """
 
     quantity: str = ""
@@ -93,20 +96,22 @@ class Convergence(StudyResult):
     levels: Sequence[Mapping] = ()
     others: Sequence[Mapping] = ()
     states: tuple[tuple[float, float | None], ...] = ()
+    may_have_other_states: bool = False
 
     def notes(self) -> list[str]:
         """Sentences on the extrapolated value, the parts of the error and what was noticed."""
         lines = []
         # other values have no limit to extrapolate to
-        has_limit = self.estimate and self.estimate.behaviour in ("monotone", "constant")
-        if self.estimate and math.isfinite(self.limit) and has_limit:
+        is_monotone = self.estimate and self.estimate.behaviour in ("monotone", "constant")
+        if self.estimate and math.isfinite(self.limit) and is_monotone and self.has_limit:
             procedure = self.estimate.procedure
             text = f"{self.limit:.8g} {self.unit}".strip()
             lines.append(f"Extrapolated value: {text}. Procedure: {procedure}.")
         if self.shares:
             parts = []
             for name, size in self.shares.items():
-                parts.append(f"{name} {size:.2g} {self.unit}".strip())
+                known = f"{size:.2g} {self.unit}".strip()
+                parts.append(f"{name} {'not known' if math.isnan(size) else known}")
             lines.append(f"Estimated parts of the error: {', '.join(parts)}.")
         return [*lines, *self.remarks]
 
@@ -166,7 +171,12 @@ class Convergence(StudyResult):
     @property
     def is_one_state(self) -> bool:
         """Whether no other state of an equilibrium was found, and some other start was tried."""
-        return len(self.states) < 2 and not math.isnan(self.uncertainty)
+        return len(self.states) < 2 and not self.may_have_other_states
+
+    @property
+    def has_limit(self) -> bool:
+        """Whether the values approach a limit, so that their distance from it is estimated."""
+        return self.estimate is not None and not math.isnan(self.estimate.uncertainty)
 
     @property
     def size_name(self) -> str:
@@ -176,16 +186,18 @@ class Convergence(StudyResult):
     def draw_values(self, ax, style: Mapping[str, Any]) -> None:
         """Draw the values over h or dt, and a band of the best value with its uncertainty.
 
-        A dotted line joins the value of the finest level with the best value at h = 0.
+        A dotted line joins the value of the finest level with the best value at h = 0. Values
+        without an uncertainty have neither band nor line.
         """
         rows = [row for row in self.table if row.get("value") is not None]
         rows = [row for row in rows if row.get("mesh") != "uniform"]
         sizes = [row[self.size_name] for row in rows]
         values = [row["value"] for row in rows]
         best = best_value(self)
-        low, high = best - self.uncertainty, best + self.uncertainty
-        ax.axhspan(low, high, color=style["color"], alpha=0.15, lw=0)
-        ax.plot([0, *sizes[-1:]], [best, *values[-1:]], ":", color=style["color"])
+        if math.isfinite(self.uncertainty):
+            low, high = best - self.uncertainty, best + self.uncertainty
+            ax.axhspan(low, high, color=style["color"], alpha=0.15, lw=0)
+            ax.plot([0, *sizes[-1:]], [best, *values[-1:]], ":", color=style["color"])
         ax.plot(sizes, values, **style)
         ax.set(xlim=(0, None), xlabel=labelled(self.size_name, UNITS[self.size_name]))
         ax.ticklabel_format(useOffset=False)
@@ -197,6 +209,15 @@ def best_value(study: Convergence) -> float:
     if math.isfinite(study.limit):
         return study.limit
     return study.value
+
+
+def has_no_limit(estimate: Estimate, obstacles: Sequence[str] = ()) -> bool:
+    """Whether refinement does not reduce the changes: then the values are near no limit.
+
+    Very slow changes are called so only with a reason, one of the `obstacles` to convergence.
+    """
+    is_slow = estimate.order < SLOWEST_ORDER and bool(obstacles)
+    return estimate.behaviour == "diverging" or is_slow
 
 
 def judge(
@@ -241,13 +262,15 @@ def judge(
     is_irregular = estimate.behaviour != "monotone"
     # differences that are small for an engineer, and have no clear order
     if spread <= SMALL_DIFFERENCE * size and (is_irregular or order < SLOWEST_ORDER):
-        return False, f"no order to be seen within {in_percent(spread / size)}"
+        no_limit = ", and no limit" if has_no_limit(estimate, obstacles) else ""
+        return False, f"no order to be seen within {in_percent(spread / size)}{no_limit}"
     if estimate.behaviour == "oscillating":
         return False, f"does not converge: the values go up and down from level to level.{why}"
     if estimate.behaviour == "without order":
         return False, f"not known to converge: the changes between levels follow no order.{why}"
-    if estimate.behaviour == "diverging" or (order < SLOWEST_ORDER and obstacles):
-        return False, f"does not converge: refinement does not reduce the changes.{why}"
+    if has_no_limit(estimate, obstacles):
+        words = "does not converge: no limit seen, as refinement does not reduce the changes"
+        return False, f"{words}.{why}"
     orders = f"observed order {order:.2f}, theory {theory:g}"
     # with scatter ≥ data_range the fit shows scatter only, and the order says nothing
     if order < LEAST_ORDER or estimate.scatter >= estimate.data_range:

@@ -118,7 +118,7 @@ def refine_graded(
     if not gradings:
         return replace(uniform, remarks=(*uniform.remarks, NO_GRADING, *remarks))
     graded = refine_problem(problem.graded(gradings), quantity, refine, levels, ratio, how)
-    if graded.estimate is None:
+    if not graded.has_limit:
         return replace(graded, gradings=gradings)
     errors = _errors_of_uniform(quantity, uniform, graded)
     uniform_rows: list[dict[str, Any]] = [

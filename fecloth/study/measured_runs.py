@@ -151,6 +151,9 @@ def measure(
         if modes:
             shapes = natural_modes(setup.system, end, count=modes)
             row["frequencies"] = [float(frequency) for frequency in shapes.frequencies]
+            known = {entry["kind"] for entry in row["doubts"]}
+            new = (doubt.entry() for doubt in shapes.doubts)
+            row["doubts"] += [entry for entry in new if entry["kind"] not in known]
         if setup.is_static:
             row |= describe_state(setup, end.x)
         if function:

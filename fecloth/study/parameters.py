@@ -87,6 +87,9 @@ def _make_parameter(
         what = f"parameter {name!r} = 0"
         if name in scale:
             what = f"scale of {name!r} = {width!r}"
-        remedy = f"Give the size of a usual change, as scale={{{name!r}: 0.01}}."
+        remedy = (
+            f"Give the size of a usual change, as --scale {name}=0.01, in Python "
+            f"scale={{{name!r}: 0.01}}."
+        )
         raise InputError(what, "needs a change > 0 to compare with", WHERE, remedy)
     return Parameter(name, value, float(width))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -12,7 +12,7 @@ from fecloth.quantities.digits import with_uncertainty
 from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, is_number
-from fecloth.study.convergence import Convergence, judge
+from fecloth.study.convergence import Convergence, has_no_limit, judge
 from fecloth.study.levels import REFINED, levels_to_run, other_shares
 from fecloth.study.problem import StudyProblem
 from fecloth.study.result import Table
@@ -101,8 +101,17 @@ class Limit:
         _, *others = self.shares.values()
         return self.estimate.uncertainty + sum(UNSAFE * share for share in others)
 
-    def errors(self, values: Sequence[float]) -> list[float]:
-        """Return the error of each value: its distance from the limit."""
+    def without_uncertainty(self) -> "Limit":
+        """Return what is left where no limit is seen: neither an uncertainty nor own errors."""
+        refined, *_ = self.shares
+        value = self.estimate.value
+        estimate = replace(self.estimate, limit=value, uncertainty=math.nan)
+        return Limit(estimate, {**self.shares, refined: math.nan}, math.nan)
+
+    def errors(self, values: Sequence[float]) -> Sequence[float | None]:
+        """Return the error of each value: its distance from the limit; None without a limit."""
+        if math.isnan(self.least_error):
+            return [None] * len(values)
         return [max(abs(value - self.estimate.limit), self.least_error) for value in values]
 
 
@@ -156,19 +165,25 @@ def summarise(
     others = other_shares(rows[0], finished, changes, space_order)
     refined_sizes = [size["dt" if refine == "dt" else "h"] for size in sizes]
     limit = Limit.of(refined_sizes, judged_numbers, described["theory"], refine, others)
+    obstacles = [] if refine == "dt" else rows[-1]["obstacles"]  # to convergence in h
+    has_limit = not has_no_limit(limit.estimate, obstacles)
+    if not has_limit:
+        limit = limit.without_uncertainty()
     doubts = doubts_of(rows[-1])
     converges, verdict = judge(
         limit.estimate,
         judged_numbers,
-        obstacles=[] if refine == "dt" else rows[-1]["obstacles"],  # to convergence in h
+        obstacles=obstacles,
         size=abs(values[-1]),
         doubt=next((doubt for doubt in doubts if doubt.kind is DoubtKind.WRINKLES), None),
         usual_cause="" if refine == "dt" else ", as at clamped corners",
     )
     states = find_states(quantity, rows, starts, limit.uncertainty)
-    uncertainty = math.nan if states.is_unknown else max(limit.uncertainty, states.distance)
+    is_known = has_limit and not states.is_unknown
+    uncertainty = max(limit.uncertainty, states.distance) if is_known else math.nan
     if states.why:
-        converges, verdict = False, states.why
+        converges = False
+        verdict = states.why if has_limit else f"{states.why}; no limit seen"
     answer = f"{quantity.text} = {with_uncertainty(values[-1], uncertainty, described['unit'])}"
     errors = limit.errors(judged_numbers)
     cells = []
@@ -180,6 +195,7 @@ def summarise(
         value=values[-1],
         uncertainty=uncertainty,
         states=states.states,
+        may_have_other_states=states.is_unknown,
         # the limit of differences between levels is no limit of the quantity
         limit=limit.estimate.limit if judged_numbers is values else math.nan,
         order=limit.estimate.order,

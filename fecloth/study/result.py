@@ -262,7 +262,7 @@ def read_tolerance(value: float | str) -> float:
         number /= 100
     if not 0 < number < 1:
         remedy = ""
-        if 1 <= number < 100:  # it was probably meant in per cent
+        if 1 <= number < 100 and not text.endswith("%"):  # it was probably meant in per cent
             remedy = f"For {number:g} percent write {number:g}%."
         allowed = "must lie between 0 and 100 %, as 1% or 0.01"
         raise InputError(f"tolerance = {value}", allowed, "", remedy)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from operator import itemgetter
 
+import numpy as np
+
 from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import difference_of, is_number, size_of, value_of
@@ -37,7 +39,7 @@ class States:
     why
         Why the uncertainty of the levels alone is not the answer, a sentence; or "".
     is_unknown
-        Whether there may be other states that no start could show.
+        Whether there may be other states that no start showed.
     """
 
     states: tuple[tuple[float, float | None], ...] = ()
@@ -95,8 +97,9 @@ def find_states(
 
     Starts and levels have different states if they have different numbers of folds. A start also
     has another state than its level if their values differ by more than the uncertainty of the
-    levels and `SAME_VALUE`. Where a cloth may have other states, a last refinement that changes
-    its shape by as much as the one before has left the branch.
+    levels and `SAME_VALUE`; an uncertainty that is not known, NaN, does not count. Where a cloth
+    may have other states, a last refinement that changes its shape by as much as the one before
+    has left the branch.
     """
     finest = levels[-1]
     if not may_have_others(finest):
@@ -112,7 +115,7 @@ def find_states(
         value, own = _values(quantity, [row, levels[level]])
         has_same_folds = row["folds"] == levels[level]["folds"]
         same = SAME_VALUE * abs(own)
-        if has_same_folds and abs(value - own) <= max(uncertainty, same):
+        if has_same_folds and abs(value - own) <= np.fmax(uncertainty, same):
             continue
         others = [other for other, folds in states[1:] if folds == row["folds"]]
         if all(abs(value - other) > same for other in others):
@@ -129,7 +132,7 @@ def find_states(
         why = (
             "the levels are different states: the last changes the shape as much as the one before"
         )
-        return States(tuple(states), why=why)
+        return States(tuple(states), is_unknown=True, why=why)
     return States(tuple(states))
 
 

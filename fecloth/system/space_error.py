@@ -21,10 +21,10 @@ LARGEST_ERROR = 0.5  # that the estimate can tell
 NO_STRAIN_BELOW = 1e-12  # such a strain of a cloth is round-off
 NO_STRAIN = "no term stores energy of strain"
 AT_REST = "the cloth is not strained"
-FOLDS = "the cloth folds at the size of its triangles, which decide its shape; "
-WITH_BENDING = "take a smaller h"
-WITHOUT_BENDING = "no term resists bending, so that folds are as fine as any mesh: add PlateBending"
-COARSE = f"it is above {100 * LARGEST_ERROR:.0f} % of stress and moment; take a smaller h"
+FOLDS = "the cloth folds at the size of its triangles, which decide its shape"
+FINER = "take a smaller h"
+WITHOUT_BENDING = "add PlateBending: where no term resists bending, folds are as fine as any mesh"
+COARSE = f"it is above {100 * LARGEST_ERROR:.0f} % of stress and moment"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,24 +41,28 @@ class SpaceError:
         term has none.
     reason
         Why there is no estimate, or "".
+    remedy
+        What gives one, or "".
     """
 
     relative: float
     density: np.ndarray
     reason: str = ""
+    remedy: str = ""
 
     def __str__(self) -> str:
-        return name_space_error(self.relative, self.reason)
+        return name_space_error(self.relative, self.reason, self.remedy)
 
     def __repr__(self) -> str:
         return f"<SpaceError: {self}>"
 
 
-def name_space_error(relative: float, reason: str = "") -> str:
-    """An error in space in words, or why there is no estimate."""
+def name_space_error(relative: float, reason: str = "", remedy: str = "") -> str:
+    """An error in space in words, or why there is no estimate, and what to do."""
+    words = f"error in space about {100 * relative:.2g} % of stress and moment"
     if math.isnan(relative):
-        return f"error in space: no estimate, as {reason}"
-    return f"error in space about {100 * relative:.2g} % of stress and moment"
+        words = f"error in space: no estimate, as {reason}"
+    return f"{words}; {remedy}" if remedy else words
 
 
 def space_error(system: System, state: State) -> SpaceError:
@@ -113,11 +117,10 @@ def space_error(system: System, state: State) -> SpaceError:
         return SpaceError(math.nan, np.zeros(m), AT_REST)
     relative = math.sqrt(system.sums.total(float(error.sum())) / stored)
     if folds_at_mesh_size(system.cloth, state.x):
-        is_stiff = has_kind(system.terms, "bending")
-        remedy = WITH_BENDING if is_stiff else WITHOUT_BENDING
-        return SpaceError(math.nan, density, FOLDS + remedy)
+        remedy = FINER if has_kind(system.terms, "bending") else WITHOUT_BENDING
+        return SpaceError(math.nan, density, FOLDS, remedy)
     if not relative < LARGEST_ERROR:
-        return SpaceError(math.nan, density, COARSE)
+        return SpaceError(math.nan, density, COARSE, FINER)
     return SpaceError(relative, density)
 
 

@@ -109,10 +109,12 @@ def test_of_an_equilibrium_the_solver_alone_is_known(run):
 
 def test_what_was_measured_is_answered_beside_the_interest(run):
     measured = "\n[measured]\n'max tip.z' = [0.01, 0.002]\nfolds = [4.0, 1.0]\n"
+    measured += "total = ['3 J', '2 %']\n"
     result = run(SWING + measured)
-    assert list(result.quantities) == ["max tip.z", "folds"]
+    assert list(result.quantities) == ["max tip.z", "folds", "total"]
     assert result.quantities["max tip.z"].value == result.observed["tip.z"].max()
     assert result.quantities["folds"].measured == (4.0, 1.0)
+    assert result.quantities["total"].measured == pytest.approx((3.0, 0.06))
     assert result.quantities["folds"].unit == ""
 
 

@@ -24,9 +24,11 @@ from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.cli.main import main
+from fecloth.errors import InputError
 from fecloth.runs import recorder, restart
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
+from fecloth.simulation.doubts import units
 
 TEXT = """
 cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.1, pattern = "cross" }
@@ -85,6 +87,41 @@ REFUSED = {
         "the motion of Obstacle: motion: formula 'sqrt(0.05 - t)' is nan at t = 0.052",
         "",
     ),
+    "a start in mm": (
+        "start.position=['1000*X', '1000*Y', '0']",
+        "start: positions that stretch the cloth to 1000 times its reference",
+        "in mm and the mesh in m, multiply the start by 0.001",
+    ),
+    "a start in cm": (
+        "start.position=['100*X', '0', '100*Y']",
+        "to 100 times its reference: must stretch it to 0.05 to 20 times",
+        "multiply the start by 0.01",
+    ),
+    "a mesh in mm": (
+        "start.position=['0.001*X', '0.001*Y', '0']",
+        "to 0.001 times its reference",
+        "multiply the mesh by 0.001",
+    ),
+    "a start at one point": (
+        "start.position=['0', '0', '0']",
+        "start: positions that stretch the cloth to 0 times its reference",
+        "Both are in metres.",
+    ),
+    "no number that is uncertain": (
+        "uncertain={fabric={areal_densty='3 %'}}",
+        "uncertain.fabric.areal_densty = '3 %': unknown key",
+        "mean 'areal_density'?",
+    ),
+    "an uncertain number of no table": (
+        "uncertain={terms={gravity=0.1}}",
+        "uncertain: parameter 'terms.gravity': must be a number of the problem",
+        "terms.2.acceleration.2",
+    ),
+    "an edge force without a force": (
+        "terms.2={type='EdgeForce', where='right'}",
+        "needs either a force, or a normal or a tangent component",
+        "Give force, as [50, 0, 0], or normal, as 50",
+    ),
     "explicit dt": ("time.method='central_difference'", "must be at most 0.0007", "Leave dt out"),
 }
 
@@ -106,6 +143,38 @@ UNITS = {
     "µN m": ("fabric.bending_rigidity=20", "If you meant µN m, write 2e-05"),
     "ms": ("time.dt=2", "If you meant ms, write 0.002"),
 }
+
+
+SILENT = {
+    "frames": ("output={every=0.1}", ["output.every = 0.1 s is longer than the run of 0.08 s"]),
+    "restart files": ("output={restart_every=80}", ["output.restart_every = 80 s is longer"]),
+    "a frame at the end": ("output={every=0.08}", []),
+    "no terms": (
+        "terms=[]",
+        ["bending_rigidity of the fabric has no effect", "no terms are given"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SILENT)
+def test_a_set_up_that_does_nothing_is_named_before_the_first_step(name, scene):
+    override, expected = SILENT[name]
+    lines = [str(doubt) for doubt in load_scene(scene, [override]).build().doubts()]
+    for line, words in zip(lines, expected, strict=True):
+        assert line.startswith(words)
+
+
+def test_a_start_in_another_unit_is_refused_in_python_too():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, 0.25, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], ["left"])
+    for factor in (25.0, 1000.0, 0.04, 1e-3):
+        start = system.state(factor * system.rest().x)
+        with pytest.raises(InputError, match="positions that stretch the cloth to"):
+            fc.run(system, fc.BDF2(), start, 0.01, 0.02)
+        with pytest.raises(InputError, match="positions that stretch the cloth to"):
+            fc.equilibrium(system, start)
+    for factor in (15.0, 0.07):
+        units.refuse_start_in_other_units(cloth, factor * system.rest().x, "")
 
 
 def test_a_force_without_a_value_where_the_cloth_comes_is_named(scene, capsys):

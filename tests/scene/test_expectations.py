@@ -36,9 +36,15 @@ def test_check_compares_at_the_end_and_between_steps():
 
 def test_measured_values_have_units():
     table = {"tip.z": ["36 mm", "0.5 mm"], "reaction.left.z": ["2 gf", "5 %"], "sag": [0.1, 0.01]}
-    measured = read_measured(table)
+    table |= {"total": ["3 J", "0.1 J"], "StVK": ["5 mJ", "2 %"], "energy.StVK": ["5 mJ", 1e-4]}
+    measured = read_measured(table, ["StVK", "total"])
     assert measured["tip.z"] == (0.036, 0.0005)
     assert measured["reaction.left.z"] == pytest.approx((2 * 0.00980665, 0.05 * 2 * 0.00980665))
     assert measured["sag"] == (0.1, 0.01)
     with pytest.raises(fc.InputError, match="units"):
-        read_measured({"tip.z": ["36 N", 0.001]})
+        read_measured({"tip.z": ["36 N", 0.001]}, [])
+    with pytest.raises(fc.InputError, match="units J"):
+        read_measured({"total": ["3 m", 0.001]}, ["total"])
+    assert measured["total"] == (3.0, 0.1)
+    assert measured["StVK"] == pytest.approx((5e-3, 1e-4))
+    assert measured["energy.StVK"] == pytest.approx((5e-3, 1e-4))

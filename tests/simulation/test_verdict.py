@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.planned import warnings_before
 
@@ -15,6 +16,7 @@ from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.doubts.jumps import find_jumping_motions
 from fecloth.simulation.energy_balance import Balance, doubt_dissipation
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.simulation.time_error import BOUNCES, GROWS, HITS, TimeError
 from fecloth.simulation.verdict import Verdict
 
@@ -167,3 +169,39 @@ def test_after_impacts_that_count_there_is_no_error_in_time(method, part, ratio,
     others = {Ledger: ledger, Contact: Contact(ratio=ratio)}
     estimate = TimeError(start.x, None, (), fastest=3.0)
     assert estimate.find_hits(Run(system, method, start, 0, 4.0, math.inf), others) == why
+
+
+@pytest.mark.parametrize(
+    ("steps", "shorter"),
+    [
+        (fc.BDF2(), "a smaller dt"),
+        (fc.Adaptive(fc.BDF2()), "a smaller rtol"),
+        (fc.Adaptive(fc.BDF2(), rtol=0.0, atol=1e-3), "a smaller atol"),
+        (fc.Adaptive(fc.BDF2(), shortest=2e-3), "a smaller rtol and longest below 0.002 s"),
+        (StabilityLimited(fc.CentralDifference()), "a dt below the largest stable one"),
+    ],
+    ids=str,
+)
+def test_a_remedy_is_what_the_user_of_these_steps_can_set(steps, shorter):
+    assert doubt(math.nan, OFF, steps).remedy == f"take {shorter}"
+    assert doubt(math.nan, CLOSED, steps, eaten=0.5).remedy.startswith(f"take {shorter}, or")
+    gain = doubt(0.02, replace(CLOSED, gained=1.0), steps, terms=[BALL])
+    assert gain.remedy == f"take BackwardEuler, or {shorter}"
+
+
+@pytest.mark.parametrize(
+    ("method", "dt", "remedy"),
+    [
+        (fc.BDF2(), 0.01, "Take a smaller dt."),
+        (fc.Adaptive(fc.BDF2(), rtol=0.1), None, "Take a smaller rtol."),
+        (fc.Auto(rtol=0.1), None, "Take a smaller rtol."),
+    ],
+    ids=str,
+)
+def test_the_remedy_of_a_failed_step_is_what_the_user_can_set(method, dt, remedy):
+    """A fast cloth is stretched beyond what is allowed."""
+    system = fc.System(CLOTH, fc.Fabric(0.2, 20.0), [fc.StVK()], ["left"])
+    fast = system.state(system.rest().x, np.outer(CLOTH.X[:, 0], [10.0, 0.0, 0.0]))
+    with pytest.raises(fc.StepFailed) as failed:
+        fc.run(system, method, fast, dt, 1.0, most_stretch=1.2)
+    assert failed.value.remedy == remedy

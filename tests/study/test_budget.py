@@ -148,11 +148,20 @@ def test_the_distance_of_states_is_a_part_of_the_total(measured, agrees, monkeyp
     assert answer.total == pytest.approx(0.8, rel=1e-3)
     assert answer.agrees == agrees
     assert any("several states" in words for words in answer.notes())
-    unknown = replace(found, uncertainty=math.nan, states=several[:1])
+    unknown = replace(found, may_have_other_states=True, states=several[:1])
     monkeypatch.setattr(budgets, "summarise", lambda *given: unknown)
     answer = fc.budget(pulled, None, {FORCE: (measured, 1e-3)}, FORCE, h=0.5)
     assert math.isnan(answer.total)
     assert "wrong" not in answer.verdict
+
+
+def test_a_measured_energy_by_its_bare_name_has_units_of_energy():
+    """½ Y E² W L of a stretched strip, with E = (s² − 1)/2."""
+    energy = 0.5 * 1000.0 * ((1.02**2 - 1) / 2) ** 2 * 0.5
+    measured = {"StVK": (f"{1e3 * energy} mJ", "1 mJ")}
+    answer = fc.budget(pulled, None, measured, "StVK", h=0.5)
+    assert answer.difference == pytest.approx(0.0, abs=1e-9)
+    assert answer.data == pytest.approx(1e-3)
 
 
 def test_a_part_whose_run_failed_is_not_known(monkeypatch):
@@ -170,7 +179,8 @@ def test_a_part_whose_run_failed_is_not_known(monkeypatch):
     answer = fc.budget(pulled, None, {FORCE: (1.0, 0.1)}, FORCE, h=0.5)
     assert math.isnan(answer.space)
     assert math.isnan(answer.total)
-    assert "not known, as runs for a part of it failed" in answer.verdict
+    assert "not known (missing parts: mesh, time step, solver)" in answer.verdict
+    assert any("it stopped" in words for words in answer.notes())
     assert answer.exit_status == 3
 
 

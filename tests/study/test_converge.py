@@ -265,7 +265,7 @@ def test_slow_changes_are_called_so_only_with_a_reason():
     [
         ([1.16, 1.04, 1.01, 1.0025], "converges as it should"),
         ([1.3, 1.09, 1.025, 1.006], "converges as it should"),
-        ([1.0, 1.1, 1.2, 1.3], "does not converge: refinement does not reduce"),
+        ([1.0, 1.1, 1.2, 1.3], "does not converge: no limit seen"),
         ([1.0, 1.2, 0.9, 1.1], "does not converge: the values go up and down"),
         ([1.0, 1.30, 1.50, 1.62], r"converges with order 0\.\d+, below the theory 2 \(folds\)"),
         ([1.512, 1.064, 1.008, 1.001], "converges faster than its theory"),
@@ -292,7 +292,7 @@ def test_small_differences_without_an_order_are_called_so(values):
         size = spread / (part * 0.005)
         converges, words = judge(estimate_uncertainty(h, values, 2.0), values, ["folds"], size)
         assert not converges
-        assert (words == f"no order to be seen within {0.5 * part:.2g} %") == is_small
+        assert words.startswith(f"no order to be seen within {0.5 * part:.2g} %") == is_small
 
 
 def test_a_point_pin_is_named_as_an_obstacle():

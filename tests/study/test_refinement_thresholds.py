@@ -41,7 +41,7 @@ def strip(**more):
         (2.52, "converges faster"),
         (0.48, "not yet in the asymptotic range"),
         (0.32, "not yet in the asymptotic range"),
-        (0.28, "does not converge: refinement does not reduce"),
+        (0.28, "does not converge: no limit seen"),
     ],
 )
 def test_orders_count_as_theirs_within_a_quarter_and_as_none_below_0_3(order, words):

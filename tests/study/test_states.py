@@ -65,6 +65,8 @@ def test_levels_with_other_folds_are_several_states():
         (0.58, 4.0, 0.1, False),  # within the uncertainty
         (0.58, 5.0, 0.1, True),
         (0.5202, 4.0, 1e-5, False),  # the same for an engineer
+        (0.5202, 4.0, np.nan, False),  # no limit is seen
+        (0.58, 4.0, np.nan, True),
     ],
 )
 def test_a_start_has_another_state_by_its_folds_or_its_value(value, folds, uncertainty, is_other):
@@ -109,6 +111,7 @@ def test_a_last_change_of_shape_as_large_as_the_one_before_leaves_the_branch(las
     assert states.leaves_branch(rows) == (leaves and size == 1.0)
     found = find_states(SAG, rows, [start(0.5)], 1e-3)
     assert found.why.startswith("the levels are different") == (leaves and size == 1.0)
+    assert found.is_unknown == (leaves and size == 1.0)  # so that no ± is stated
 
 
 def test_a_fit_names_cloths_with_other_folds_on_the_finer_mesh():

@@ -159,3 +159,6 @@ def test_a_tolerance_in_percent_without_its_sign_is_refused_with_the_remedy():
     assert read_tolerance("2 %") == read_tolerance(0.02) == 0.02
     with pytest.raises(InputError, match="tolerance = 2: .* For 2 percent write 2%"):
         read_tolerance("2")
+    with pytest.raises(InputError) as refused:
+        read_tolerance("300 %")
+    assert not refused.value.remedy

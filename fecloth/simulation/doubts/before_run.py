@@ -39,6 +39,7 @@ OF_RUNS: tuple[Check, ...] = (  # in the order of the warnings
 OF_MARCH: tuple[Check, ...] = (jumps.find_motion_jumps,)
 OF_SCENES: tuple[Check, ...] = (
     *OF_RUNS,
+    terms.find_no_terms,
     course.find_slivers,
     course.find_large_weight,
     course.find_short_steps,

@@ -39,6 +39,13 @@ LEAST_PRESSURE = 0.5  # over the ambient pressure; a gas with less lets the clot
 # --- membranes ---------------------------------------------------------------
 
 
+def find_no_terms(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt a scene that names no term, so that nothing acts on the cloth."""
+    if not run.system.terms:
+        words = "no terms are given: nothing acts on the cloth, which has no stiffness either"
+        yield Doubt(DoubtKind.TERMS, words, "add StVK and Gravity")
+
+
 def find_no_membrane(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt the terms if nothing resists a stretch, and they are for more than a free fall."""
     system = run.system

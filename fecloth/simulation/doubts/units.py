@@ -16,11 +16,14 @@ from typing import Any
 import numpy as np
 from scipy.constants import g
 
+from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
+from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.rotation import Rotation
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun, attempt
 from fecloth.terms import Gravity, Wind
+from fecloth.terms.kinematics import principal_stretches
 from fecloth.terms.traits import traits_of
 
 CENTIMETRES = {"cm": 1e-2, "mm": 1e-3}
@@ -35,6 +38,9 @@ SIZES = 0.002, 10.0  # m, least and most: smaller are yarns, larger are roofs
 LARGEST_STEP = 0.1  # s; a cloth swings within seconds, fast waves cross it within hundredths
 LARGEST_GRAVITY = 50.0  # m/s²; five times the gravity on Earth, a twentieth of it in cm/s²
 LARGEST_AIR_SPEED = 100.0  # m/s; three hurricanes
+# Times, least and most, to which a start stretches half of the triangles: a run ends at 20.
+START_STRETCHES = 0.05, 20.0
+LARGEST_MISTAKE = 1e4  # times; a start and a mesh farther apart differ by more than a unit
 USUAL_SIZE = 0.5  # m; of the cloths that are simulated
 LARGEST_ANGLE = 2 * np.pi  # rad; a pin that turns farther is mostly meant in degrees, or has pi
 LARGEST_DAMPING_TIME = 1.0  # s; in measured cloth it is below 0.1
@@ -119,11 +125,37 @@ def _of_size(size: float) -> Iterator[Words]:
     if size > most:
         words = f"the cloth is {size:.4g} m long: few are longer than {most:g} m"
         unit, meant = _nearest(size, CENTIMETRES, USUAL_SIZE)
-        remedy = f"If you meant {unit}, write {meant:.4g}; scale a mesh in {unit} to metres"
+        scale = f"a mesh file in {unit} needs scale = {CENTIMETRES[unit]:g}"
+        remedy = f"If you meant {unit}, write {meant:.4g}; {scale}"
         yield words, remedy
     if size < least:
         words = f"the cloth is {size:.4g} m long: the fabric of so small a piece is its yarns"
         yield words, f"If you meant m in place of mm, write {1000 * size:.4g}"
+
+
+def refuse_start_in_other_units(cloth: Cloth, x: np.ndarray, where: str) -> None:
+    """Raise `InputError` for positions x (n, 3) that were meant in another unit than the cloth.
+
+    Half of the triangles are then stretched beyond `START_STRETCHES`, or below them.
+    """
+    stretch = float(np.median(principal_stretches(cloth, x).max(axis=1)))
+    least, most = START_STRETCHES
+    if not (stretch < least or stretch > most):
+        return
+    ratio = max(stretch, 1 / stretch) if stretch else np.inf
+    remedy = "Both are in metres."
+    if ratio < LARGEST_MISTAKE:
+        larger, smaller = ("start", "mesh") if stretch > most else ("mesh", "start")
+        unit, _ = _nearest(ratio, CENTIMETRES, 1.0)
+        factor = f"{CENTIMETRES[unit]:g}"
+        way = f", as a file by scale = {factor}" if larger == "mesh" else ""
+        remedy = (
+            f"If the {larger} is in {unit} and the {smaller} in m, "
+            f"multiply the {larger} by {factor}{way}."
+        )
+    what = f"positions that stretch the cloth to {stretch:.4g} times its reference"
+    allowed = f"must stretch it to {least:g} to {most:g} times"
+    raise InputError(what, allowed, where, remedy)
 
 
 def _of_term(term: Any) -> Iterator[Words]:

@@ -135,7 +135,7 @@ def budget(
     if measured is None:
         measured = opened.tables.get("measured") or {}
     inputs = read_inputs(opened, uncertain)
-    data = read_measured(measured)
+    data = read_measured(measured, opened.first.energies if measured else ())
     is_single = isinstance(quantity, str | Quantity) or callable(quantity)
     names_of_quantities: Any = quantity or opened.source.interest or list(data) or None
     if is_single:
@@ -223,8 +223,10 @@ class Work:
 
         The first result has arrays (q,) by name: the "value" on the finest level, the standard
         uncertainties "space", "time" and "solver", and "start", the distance of other states. An
-        uncertainty is NaN if a run for it failed. The second result are the values (q,) of the
-        first level, the problem as it is, the third sentences on several states.
+        uncertainty is NaN if a run for it failed, "space" also where no limit is seen, and
+        "start" where other states are not excluded. The second result are the values (q,) of the
+        first level, the problem as it is, the third sentences on several states and on quantities
+        without a limit.
 
         Raises
         ------
@@ -236,9 +238,13 @@ class Work:
         rows = self._rows(levels, MOST_STAGES)
         rows_of_mesh = rows[:LEVELS]
         others = rows[LEVELS:]  # with half of a gap, half of dt, or a sharper solver
-        no_share = 0.0 if all(row["status"] == OK for row in others) else np.nan
-        columns: list[list[float]] = []
+        failed = [row for row in others if row["status"] != OK]
+        no_share = np.nan if failed else 0.0
         remarks = list[str]()
+        for row in failed:
+            cause = (row["cause"] or row["status"]).splitlines()[0]
+            remarks.append(f"A run for a part of the uncertainty failed: {cause}")
+        columns: list[list[float]] = []
         starts = run_other_starts(rows_of_mesh, self.quantities, self.study.runs())
         for quantity in self.quantities:
             study = summarise(opened, quantity, "h", rows_of_mesh, others, starts)
@@ -249,13 +255,13 @@ class Work:
             time = UNSAFE * study.shares.get("time step", no_share)
             solver = UNSAFE * study.shares.get("solver", no_share)
             space = float(np.hypot(study.estimate.uncertainty, gap))
-            # a standard uncertainty is half of one that covers the exact value
             start = np.nan
-            if not np.isnan(study.uncertainty):
+            if not study.may_have_other_states:
                 values = [study.value, *(value for value, _ in study.states)]
                 start = float(np.max(np.abs(np.array(values) - study.value)))
-            if not study.is_one_state:
-                remarks.append(f"{quantity.text}: {study.verdict.splitlines()[0]}.")
+            if not (study.is_one_state and study.has_limit):
+                remarks.append(f"{quantity.text}: {study.verdict.splitlines()[0].rstrip('.')}.")
+            # a standard uncertainty is half of one that covers the exact value
             columns.append([study.value, 0.5 * space, 0.5 * time, 0.5 * solver, start])
         parts = dict(zip(("value", *PARTS), np.array(columns).T, strict=True))
         return parts, self.values(rows[:1])[0], remarks

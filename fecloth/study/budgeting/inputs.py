@@ -104,7 +104,11 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
     for prefix, fabric in problem.source.fabrics.items():
         keys = [key for key in uncertainties if key.startswith(f"{prefix}.")]
         replaced = {key.removeprefix(f"{prefix}."): uncertainties.pop(key) for key in keys}
-        constants, covariance = _read_fabric(fabric, replaced)
+        try:
+            constants, covariance = _read_fabric(fabric, replaced)
+        except InputError as error:
+            what = f"{prefix}.{error.what}"
+            raise InputError(what, error.allowed, WHERE, error.remedy) from None
         names += [f"{prefix}.{key}" for key in constants]
         covariances.append(covariance)
     for key, uncertainty in uncertainties.items():

@@ -196,15 +196,16 @@ def _verdict(
         words["input"] = "inputs"  # other numbers than constants of fabrics are uncertain, too
     total = numbers["total"]
     text = f"{_shown(numbers['value'], total)} {unit}".strip()
+    least = NEGLIGIBLE_PART * total if np.isfinite(total) else 0.0
     for name in WORDS:
-        is_negligible = numbers[name] <= NEGLIGIBLE_PART * total
-        if name != "data" and not is_negligible:  # data stands beside the measured value
+        if name != "data" and numbers[name] > least:  # data stands beside the measured value
             text += f" ± {numbers[name]:.2g} ({words[name]})"
     is_measured = not np.isnan(D)
     if is_measured:
         text += f"; measured {_shown(D, numbers['data'])} ± {numbers['data']:.2g}"
     if not np.isfinite(total):
-        return f"{text}: its uncertainty is not known, as runs for a part of it failed"
+        missing = ", ".join(words[name] for name in WORDS if not np.isfinite(numbers[name]))
+        return f"{text}: its uncertainty is not known (missing parts: {missing})"
     squares = {f"the {words[name]}": numbers[name] ** 2 for name in WORDS}
     if inputs:  # each parameter stands for itself
         del squares[f"the {words['input']}"]

@@ -19,7 +19,7 @@ from fecloth.simulation.quantity_values import (
     value_of,
 )
 from fecloth.study.command import StudyFailed
-from fecloth.study.convergence import Convergence
+from fecloth.study.convergence import Convergence, has_no_limit
 from fecloth.study.fronts.bench import Bench, check_sizes
 from fecloth.study.fronts.settings import ALL_METHODS, Line, Setting
 from fecloth.study.result import Table
@@ -153,7 +153,7 @@ class Limit:
             quantity=quantity.text,
             unit=quantity.unit(self.finest["energies"]),
             value=values[-1],
-            uncertainty=estimate.uncertainty,
+            uncertainty=math.nan if has_no_limit(estimate) else estimate.uncertainty,
             limit=estimate.limit if has_limit else values[-1],
             order=estimate.order,
             theory=estimate.theory,

@@ -204,7 +204,7 @@ class Capsule(Round, Shape):
         b = point("b", self.b, "Capsule")
         super().__post_init__()
         if (a == b).all():
-            remedy = "Write a Sphere(center, radius)."
+            remedy = "Take a Sphere, with center and radius."
             raise InputError(f"a = b = {self.a!r}", "must differ", "Capsule", remedy)
 
     def skeleton(self, extent: float) -> Skeleton:

@@ -92,7 +92,7 @@ class EdgeForce:
         if (self.force is not None) == by_components:
             what = "force and normal or tangent" if by_components else "no force"
             allowed = "needs either a force, or a normal or a tangent component or both"
-            remedy = 'Write EdgeForce("right", (50, 0, 0)) or EdgeForce("right", normal=50).'
+            remedy = "Give force, as [50, 0, 0], or normal, as 50: both in N/m."
             raise InputError(what, allowed, "EdgeForce", remedy)
         _ = self._per_length
 

@@ -1,7 +1,6 @@
 """A remedy names an element, a method or a term only if the cloth and its terms accept it."""
 
 import re
-from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +9,7 @@ from support.planned import warnings_before
 import fecloth as fc
 from fecloth.simulation.doubts import course, terms
 from fecloth.simulation.doubts.accepted import accepts_element, accepts_method, accepts_term
-from fecloth.simulation.error_in_space import LOCKED, ErrorInSpace
+from fecloth.simulation.error_in_space import LOCKED, remedy_of_locking
 from fecloth.simulation.shapes import doubt_intersections
 
 FABRICS = {
@@ -57,9 +56,7 @@ def test_a_choice_is_accepted_if_the_system_can_be_made_with_it(fabric, load):
 @pytest.mark.parametrize(("load", "element"), [("none", "P2"), ("wind", None)])
 def test_p2_is_named_where_every_term_knows_it(load, element):
     system = make(load=load, more=(fc.StVK(), fc.PlateBending()))
-    end = SimpleNamespace(state=system.rest())
-    error = ErrorInSpace().finish(SimpleNamespace(system=system), end, None)
-    words = replace(error, relative=1.25 * LOCKED).words()
+    words = remedy_of_locking(system, 1.25 * LOCKED)
     assert ("P2" in words) == (element == "P2")
     assert words.endswith("a smaller h")
 

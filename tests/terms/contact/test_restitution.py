@@ -141,6 +141,15 @@ def test_a_bounce_that_steps_do_not_resolve_is_a_warning(e, part, warns):
         assert "dt = 2e-05 s resolves them" in said[0]
 
 
+def test_steps_that_follow_their_error_are_told_to_bound_the_longest():
+    cloth = fc.Cloth.rectangle(0.05, 0.05, 0.05, "right")
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.Obstacle(FLOOR, GAP, restitution=1.0)])
+    start = system.state(flat(cloth) + [0, 0, 0.01], np.tile([0, 0, -1.0], (len(cloth.X), 1)))
+    run = fc.run(system, fc.Adaptive(fc.BDF2(), rtol=1.0, shortest=1e-3), start, t_end=0.02)
+    (said,) = (words for words in run.warnings if "are not resolved" in words)
+    assert "longest = 2e-05 s resolves them" in said
+
+
 @pytest.mark.stories
 @pytest.mark.parametrize("e", [0.0, 1.0])
 def test_the_automatic_tolerance_solves_an_impact(e):
