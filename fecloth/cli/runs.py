@@ -186,7 +186,8 @@ def render(
         str,
         "one of larger_stretch, smaller_stretch, speed, displacement, contact_pressure, slip, "
         "energy_density, error_density, height, quality, larger_stress, smaller_stress, "
-        "E11, E22, E12, S11, S22, S12, checks, or an array of the frames, as region",
+        "E11, E22, E12, S11, S22, S12, stress.xx, stress.yy, stress.xy, checks, "
+        "or an array of the frames, as region",
     ] = "larger_stretch",
     size: Annotated[str, "pixels (1280x720)", "WxH"] = "1280x720",
     fps: Annotated[float | None, "frames a second (default: as the cloth moved)"] = None,

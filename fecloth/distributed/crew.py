@@ -118,7 +118,7 @@ def cut(value: Any, nodes: np.ndarray) -> Any:
 
 OFFERED = {*ABILITIES, "add_force", "add_tangent", "over_step", "with_history"}
 JOINED = {"force_calls", "supply_calls", "tangent_calls", "energy_calls"}
-NOT_NEEDED = {"here", "nbytes", *JOINED}  # on several processes
+NOT_NEEDED = {"here", "nbytes", "stress_of", *JOINED}  # on several processes
 _new_keys = count()
 
 

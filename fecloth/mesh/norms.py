@@ -99,6 +99,18 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
     return cells
 
 
+def containing(X: np.ndarray, triangles: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Return the triangles that contain a point (2,) [m]; at a node or on an edge there are more.
+
+    Of a point outside it is the nearest triangle. The corners of `triangles` (m, 3) are
+    counter-clockwise. Raises what `locate` raises.
+    """
+    corners = X[triangles]
+    round_off = 1e-9 * np.ptp(corners, axis=1).max()
+    inside = np.flatnonzero(_depth(corners, point) > -round_off)
+    return inside if len(inside) else locate(X, triangles, point[None])
+
+
 def _depth(corners, points):
     """Smallest signed distance [m] of points from the three edge lines, positive inside.
 

@@ -163,11 +163,11 @@ def _fit(centre, corners, values, samples, patch):
     terms_and_values = np.concatenate([terms, values[entries]], axis=2)
     sums = np.add.reduceat(np.einsum("eqi,eqj->eij", terms, terms_and_values), starts)
     points = count * len(samples.points)
-    pivot, solution = _solve(sums / points[:, None, None])
+    pivot, solution = solve_normal_equations(sums / points[:, None, None])
     return length, solution, pivot, points <= terms.shape[2]
 
 
-def _solve(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def solve_normal_equations(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the least pivots (k,) and A₁⁻¹ A₂ (k, d, c) for A = (A₁, A₂) (k, d, d + c).
 
     By the elimination of Gauss and Jordan, without a search for pivots: A₁ is symmetric and has

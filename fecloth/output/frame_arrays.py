@@ -11,6 +11,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.elements import blocks
 from fecloth.mesh.surface import Surface
 from fecloth.output.vtu_writer import Arrays
+from fecloth.system.recovered_stress import stress_at_nodes
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -36,6 +37,8 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     free_directions = np.trace(system.constraints.projectors, axis1=1, axis2=2)
     held[system.constraints.nodes] = np.round(3 - free_directions)
     points = _points(cloth, state) | {"held": held} | _contact(system, state)
+    if smooth := stress_at_nodes(system):
+        points["recovered_stress"] = smooth(state.x)
     cells = _in_blocks(cloth, lambda part: _cells(cloth, gradients, state.x, stress, part))
     cells |= {"quality": cloth.quality, "region": system.panel.region.astype(np.int32)}
     for term in system.bound:

@@ -96,6 +96,10 @@ FIELDS = {
         for letter, unit in (("E", ""), ("S", "N/m"))
         for ij in ("11", "22", "12")
     },
+    **{
+        f"stress.{ij}": Field(f"stress {ij}", "N/m", "recovered_stress", _component(i))
+        for i, ij in enumerate(("xx", "yy", "xy"))
+    },
 }
 
 

@@ -18,6 +18,7 @@ TENSOR = tuple(f"{i}{j}" for i in "XYZ" for j in "XYZ")
 COMPONENTS = {
     "principal_stretches": ("smaller", "larger"),
     "principal_stresses": ("smaller", "larger"),
+    "recovered_stress": ("XX", "YY", "XY"),
     "strain_tensor": TENSOR,
     "stress_tensor": TENSOR,
 }

@@ -1,4 +1,4 @@
-"""Columns that a run has only where they are named: distances, force per width, drape, folds."""
+"""Columns that a run has only where they are named: distances, force per width, drape, stress."""
 
 import itertools
 import math
@@ -12,11 +12,14 @@ from scipy.sparse.csgraph import connected_components
 from fecloth.errors import InputError, did_you_mean
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.surface import Surface
+from fecloth.quantities.units import LENGTH, quantity
+from fecloth.simulation.quantity import STRESS
+from fecloth.system.recovered_stress import COMPONENTS, stress_at_point
 from fecloth.system.system import System
 from fecloth.terms.contact import shapes
 from fecloth.terms.traits import parameters_of
 
-ON_REQUEST = re.compile(r"drape_coefficient|folds|distance of .+|line_force[:.].+")
+ON_REQUEST = re.compile(r"drape_coefficient|folds|distance of .+|line_force[:.].+|stress\..+")
 LINES_OF_SHADOW = 1000  # that measure a shadow: its error is below a tenth of a per cent
 ANGLES_OF_RIM = 360  # of the rim, for its waves: one for each degree
 MOST_FOLDS = 100  # that are looked for: a rim of more is noise of the mesh
@@ -44,8 +47,13 @@ def bind_measure(name: str, system: System, probes: Iterable[str]) -> Measure:
         return _bind_folds(system.cloth)
     if name.startswith("distance of "):
         return _bind_distance(name, list(probes))
+    if name.startswith("stress."):
+        return _bind_stress(name, system)
     if not ON_REQUEST.fullmatch(name):
-        remedy = "By name: distance of A and B, drape_coefficient, folds, line_force.PIN."
+        remedy = (
+            "By name: distance of A and B, drape_coefficient, folds, line_force.PIN, "
+            "stress.xx at (X, Y)."
+        )
         allowed = "must be a list of Probe(name, where), or of names of quantities"
         raise InputError(f"probes: {name!r}", allowed, "Observer", remedy)
     pin = re.sub(r"\.[xyz]$", "", name[len("line_force:") :])
@@ -72,6 +80,26 @@ def _bind_line_force(system: System, pin: str) -> Measure:
         return {f"line_force:{pin}.{axis}": row[f"reaction:{pin}.{axis}"] / width for axis in "xyz"}
 
     return line_force
+
+
+def _bind_stress(name: str, system: System) -> Measure:
+    """Return the measure of a component of the recovered stress at a point of the flat cloth."""
+    match = STRESS.fullmatch(name)
+    if match is None:
+        allowed = "must be stress.xx, stress.yy or stress.xy at a point of the flat cloth"
+        raise InputError(f"quantity {name!r}", allowed, "", "Write stress.xx at (0.1, 0.2).")
+    X, Y = (_length(name, match[axis]) for axis in "XY")
+    stress = stress_at_point(system, (X, Y), match["region"])
+    component = COMPONENTS.index(match["part"])
+    return lambda x, row: {name: float(stress(x)[0, component])}
+
+
+def _length(name: str, text: str) -> float:
+    """Return a coordinate of a point [m]; the text is a number in m, or has a unit."""
+    try:
+        return float(text)
+    except ValueError:
+        return quantity(f"a coordinate in {name!r}", text, LENGTH)
 
 
 def _two_probes(name: str, probes: list[str]) -> tuple[str, str]:

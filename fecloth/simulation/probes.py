@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -34,7 +35,7 @@ TAKEN = (
     "drape_coefficient",
     "folds",
 )
-PREFIXES = ("reaction:", "least_distance:", "line_force:", "distance of ")
+PREFIXES = ("reaction:", "least_distance:", "line_force:", "distance of ", "stress.")
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
@@ -155,7 +156,8 @@ class Observer:
         The closed surface of the cloth, if the largest and the least principal stretch and the
         enclosed volume are recorded too; else None.
     measures
-        Columns that were asked for by name, such as "folds": see `on_request`.
+        What computes the columns that were asked for by name, such as "folds", by this name:
+        see `on_request`.
     """
 
     system: System
@@ -163,7 +165,7 @@ class Observer:
     probes: Mapping[str, tuple[np.ndarray, np.ndarray]]
     peak: Peak
     shape: Enclosure | None = None
-    measures: tuple[Measure, ...] = ()
+    measures: Mapping[str, Measure] = field(default_factory=dict)
 
     @classmethod
     def bind(cls, system: System, start: State, probes=(), shape: bool = False) -> "Observer":
@@ -176,11 +178,18 @@ class Observer:
         matrices = {probe.name: probe.weights(cloth) for probe in _distinct(probes)}
         weights = {name: (matrix.indices, matrix.data) for name, matrix in matrices.items()}
         requested = dict.fromkeys(name for name in probes if isinstance(name, str))
-        measures = tuple(bind_measure(name, system, matrices) for name in requested)
+        measures = {name: bind_measure(name, system, matrices) for name in requested}
         enclosure = None
         if shape:
             enclosure = Enclosure.from_triangles(cloth.cells, len(cloth.X))
         return cls(system, start, weights, Peak.on(cloth), enclosure, measures)
+
+    def of(self, system: System, start: State) -> Self:
+        """Return the observer of the same columns for another system on the same cloth."""
+        measures = self.measures
+        if system is not self.system:  # they depend on the fabric, the pins and the terms
+            measures = {name: bind_measure(name, system, self.probes) for name in measures}
+        return replace(self, system=system, start=start, measures=measures)
 
     def row(self, old: State | None, step, system: System | None = None) -> dict[str, float]:
         """Return the columns after a step, with the reactions over it.
@@ -218,7 +227,7 @@ class Observer:
         for name in self.system.constraints.groups:
             row |= _components(f"reaction:{name}", forces.get(name, np.full(3, np.nan)))
         row |= contact_rows(self.system, acting, state)
-        for measure in self.measures:
+        for measure in self.measures.values():
             row |= measure(state.x, row)
         return row
 

@@ -20,16 +20,19 @@ HOW = {  # words before the name: what is taken of its values over the run
 }
 UNITS = {"sag": "m", "area": "m²", "volume": "m³", "largest_stretch": "", "least_stretch": ""}
 UNITS |= {"displacement": "m²", "velocity": "m²/s", "reaction": "N", "energy": "J"}
-UNITS |= {"drape_coefficient": "", "folds": "", "line_force": "N/m"}
+UNITS |= {"drape_coefficient": "", "folds": "", "line_force": "N/m", "stress": "N/m"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 EXAMPLES = (
     "tip.z, tip.z at 0.3 s, max sag, path of tip, period of tip.z, energy.StVK, "
     "reaction.left.z, displacement in H1, frequency(2), distance of a and b, "
-    "drape_coefficient, folds, line_force.left.x"
+    "drape_coefficient, folds, line_force.left.x, stress.xx at (0.1, 0.2)"
 )
 _MODE = re.compile(r"frequency\s*\(\s*(\d+)\s*\)")
+STRESS = re.compile(
+    r"stress\.(?P<part>xx|yy|xy)(?: of (?P<region>.+?))? at \((?P<X>[^,()]+), ?(?P<Y>[^,()]+)\)"
+)
 _TEXT = re.compile(
-    rf"(?:(?P<how>{'|'.join(HOW)})\s+)?(?P<name>.+?)(?:\s+in\s+(?P<norm>\w+))?"
+    rf"(?:(?P<how>{'|'.join(HOW)})\s+)?(?P<name>{STRESS.pattern}|.+?)(?:\s+in\s+(?P<norm>\w+))?"
     r"(?:\s+at\s+(?:(?P<end>the end)|(?P<at>[-+.\deE]+)\s*(?P<unit>\w*)))?"
 )
 
@@ -48,8 +51,9 @@ class Quantity:
     text
         The text; it names the quantity in tables.
     name
-        A column ("tip.z", "sag", "energy.StVK"), a vector ("tip", "reaction.left"), a field
-        ("displacement"), or "" for the frequency of a mode and for a function.
+        A column ("tip.z", "sag", "energy.StVK", "stress.xx at (0.1, 0.2)"), a vector ("tip",
+        "reaction.left"), a field ("displacement"), or "" for the frequency of a mode and for a
+        function.
     how
         "value" (at a time), "max", "min", "path", "period", "frequency", "mode" or "function".
     at
@@ -146,7 +150,7 @@ def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
             raise InputError(f"quantity {text!r}", "the first mode is frequency(1)")
         return Quantity(words, how="mode", mode=int(mode[1]))
     match = _TEXT.fullmatch(words)
-    if match is None or " at " in match["name"] or " in " in match["name"]:
+    if match is None or (not match["part"] and {"at", "in"} & set(match["name"].split())):
         raise _refusal(text, "is not in the grammar of quantities")
     how = "value"
     if match["how"]:

@@ -103,7 +103,7 @@ class Setup:
         """What records the probes from the start on."""
         known = self.like
         if known and self._has_probes_of(known):
-            return replace(known.observer, system=self.system, start=self.start)
+            return known.observer.of(self.system, self.start)
         return Observer.bind(self.system, self.start, self.probes, self.shape)
 
     def _has_probes_of(self, other: "Setup") -> bool:

@@ -24,9 +24,10 @@ def space_order(quantity: Quantity, setup: Setup) -> float:
 
     Linear triangles have order 2, and 1 for gradients. Quadratic triangles have order 3, 2 for
     gradients, and 4 for energies, frequencies, areas, volumes and reactions. With bending, or a
-    round border of straight edges, the order is at most 2. `find_obstacles` says where point
-    values have order 2 only. Numbers that are means, such as energies, have a higher order than
-    values at a point.
+    round border of straight edges, the order is at most 2. A recovered stress counts as a value,
+    not as a gradient: inside the cloth it has order 2 on P1 and 3 on P2, at a border less.
+    `find_obstacles` says where point values have order 2 only. Numbers that are means, such as
+    energies, have a higher order than values at a point.
     """
     is_gradient = quantity.norm == "h1" or quantity.name.endswith("stretch")
     if setup.cloth.element == "P1":

@@ -287,6 +287,13 @@ class BoundTerm:
     def add_stress(self, x: np.ndarray, out: np.ndarray) -> None:
         """out (triangles, 4) += S₁₁, S₂₂, S₁₂ [N/m] and energy per area [J/m²] of a membrane."""
 
+    def stress_of(self, F: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+        """S₁₁, S₂₂, S₁₂ (r, 3) [N/m] of a membrane for F (r, 3, 2) along warp and weft.
+
+        The constants are those of the `triangles` (r,).
+        """
+        raise NotImplementedError
+
     def cells(self, x: np.ndarray, t: float) -> dict[str, np.ndarray]:
         """Arrays (triangles, …) for frames, by their names.
 
@@ -432,6 +439,7 @@ class BoundTerm:
 
     supplies = overrides("supply")  # its work is a column of the ledger
     has_stress = overrides("add_stress")  # it is a membrane with a stress
+    gives_stress = overrides("stress_of")  # it knows the stress of a deformation gradient
     has_curves = overrides("beyond")  # it knows where a strain is beyond its curves
     recovers_strain = overrides("strain_error")  # it can estimate its error in space
     dissipates_over_step = overrides("dissipation")  # over a step, it says what it dissipated

@@ -4,6 +4,7 @@ The last frame on the canvas of `web_page`, warnings, main results, charts of th
 the seconds went, the scene and the summary. Made at the end of a run by page/report.html.
 """
 
+import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -94,7 +95,8 @@ def read_table(file: Path) -> dict[str, np.ndarray]:
         return {}
     format_of_csv: dict[str, Any] = {"delimiter": ",", "ndmin": 2, "encoding": None}
     values = np.loadtxt(rows, converters=lambda cell: float(cell or "nan"), **format_of_csv)
-    return dict(zip(head.split(","), values.T.copy(), strict=True))
+    names = next(csv.reader([head]))  # a name with a comma stands in quotes
+    return dict(zip(names, values.T.copy(), strict=True))
 
 
 def _tiles(summary: Mapping[str, Any], steps: Table) -> dict[str, object]:

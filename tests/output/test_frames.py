@@ -169,7 +169,7 @@ def test_meshio_reads_the_same_numbers(system, states, tmp_path):
     points, cells = fields(system, states[1])
     np.testing.assert_array_equal(mesh.points, states[1].x)
     np.testing.assert_array_equal(mesh.cells_dict["triangle"], system.cloth.triangles)
-    assert set(mesh.point_data) == POINT_DATA | {"held"}
+    assert set(mesh.point_data) == POINT_DATA | {"held", "recovered_stress"}
     assert set(mesh.cell_data) == KINEMATIC | MATERIAL
     for name, value in points.items():
         np.testing.assert_array_equal(mesh.point_data[name], stored(name, value))

@@ -61,6 +61,7 @@ def run_here(monkeypatch, capsys):
         ("budget", "of 1 cloths that buckle or fold, sampled: 1 >= 1: met"),
         ("engines", "largest error on the second mesh: 0.002157 <= 0.01: met"),
         ("fit.knits", "say that the law is wrong: 1 >= 1: met"),
+        ("nafems", "P2: order at D, by the last three levels: 2.01"),
         ("validation", "35 predictions"),
         ("validation.nylon", "of 1 predicted angles, wrong at full extension: 1 >= 1: met"),
         ("validation.knits", "forces of garter with stockinette's constants, wrong: 2 >= 2: met"),

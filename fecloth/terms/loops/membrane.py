@@ -48,6 +48,8 @@ from fecloth.terms.loops.shared_loop import SharedLoop, by_part, cut
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
+GRADIENTS_OF_UNIT = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # of its corners, (0, 0) first
+
 
 @dataclass(frozen=True, eq=False)
 class PointwiseStrain:
@@ -187,6 +189,24 @@ class BoundMembrane(BoundTerm):
     def add_stress(self, x: Array, out: Array) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""
         self.kernels.add_stress(*self.data, x, x, out)
+
+    def stress_of(self, F: Array, triangles: np.ndarray) -> Array:
+        """S11, S22, S12 (r, 3) [N/m] of deformation gradients F (r, 3, 2) along warp and weft.
+
+        The constants are those of the triangles (r,). The loop takes a triangle with the corners
+        0, F₁ and F₂ for each: its deformation gradient is F.
+        """
+        r = len(F)
+        corners = np.concatenate([np.zeros((r, 1, 3)), F.swapaxes(1, 2)], axis=1).reshape(-1, 3)
+        nodes = np.arange(3 * r, dtype=np.int32).reshape(r, 3)
+        G = np.broadcast_to(GRADIENTS_OF_UNIT, (r, 1, 3, 2)).copy()
+        constants = np.ascontiguousarray(self.constants[triangles])
+        at_rest = np.broadcast_to(0.0, (r, 1, 3))
+        out = np.zeros((r, 4))
+        arrays = nodes, G, np.ones((r, 1)), constants, at_rest
+        add = self.kernels.pointwise.add_stress
+        add((0, 0, 0), (0,), *arrays, corners, corners, out)
+        return out[:, :3]
 
     def strain_error(self, x: Array, t: float) -> np.ndarray:
         """(m,) the energy [J] of the change that recovery makes of the strain, by triangle."""

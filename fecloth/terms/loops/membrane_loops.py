@@ -97,6 +97,7 @@ class Kernels:
     add_stress = entry_point("add_stress")
     add_moduli = entry_point("add_moduli", "definite_law")
 
+    pointwise = of_kind(POINTWISE)
     rate = of_kind(RATE)
     regge = of_kind(REGGE)
     regge_rate = of_kind(REGGE_RATE)

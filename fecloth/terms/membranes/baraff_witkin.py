@@ -194,16 +194,27 @@ class BoundBaraffWitkin(LengthCondition):
 
         W is the energy of a triangle over its area, also for p = 1.
         """
-        c = self.constants
-        k = np.einsum("err->er", self.stiffness)
-        wu, wv = self.vectors(x).swapaxes(0, 1)
-        length = np.stack([np.linalg.norm(wu, axis=1), np.linalg.norm(wv, axis=1)], axis=1)
-        area = self.area
-        k = k * (c[:, 0] ** 2 / area)[:, None]
-        C = np.column_stack([length - c[:, 1:3], np.sum(wu * wv, axis=1)])
-        out[:, :2] += k[:, :2] * C[:, :2] / length
-        out[:, 2] += k[:, 2] * C[:, 2]
+        F = self.vectors(x).swapaxes(1, 2)
+        all_triangles = np.arange(len(F))
+        k, C, _ = self._conditions(F, all_triangles)
+        out[:, :3] += self.stress_of(F, all_triangles)
         out[:, 3] += 0.5 * np.sum(k * C * C, axis=1)
+
+    def stress_of(self, F: Array, triangles: Array) -> Array:
+        """S11, S22, S12 (r, 3) [N/m] of deformation gradients F (r, 3, 2) = (w_u, w_v)."""
+        k, C, length = self._conditions(F, triangles)
+        S: Array = k * C
+        S[:, :2] /= length
+        return S
+
+    def _conditions(self, F: Array, triangles: Array) -> tuple[Array, Array, Array]:
+        """Return the stiffness per area, C (both (r, 3)), and the lengths of w_u and w_v."""
+        c = self.constants[triangles]
+        per_area = c[:, 0] ** 2 / self.area[triangles]
+        k = np.einsum("err->er", self.stiffness[triangles]) * per_area[:, None]
+        length = np.linalg.norm(F, axis=1)
+        C = np.column_stack([length - c[:, 1:3], np.sum(F[..., 0] * F[..., 1], axis=1)])
+        return k, C, length
 
     @property
     def area(self) -> np.ndarray:

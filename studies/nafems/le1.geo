@@ -1,0 +1,23 @@
+// NAFEMS LE1: a quarter of an elliptic membrane between (x/2)² + y² = 1 and (x/3.25)² + (y/2.75)² = 1.
+DefineConstant[ h = {0.25, Min 0.005, Max 1, Name "Parameters/h"} ];
+Point(1) = {0, 0, 0, h};
+Point(2) = {0, 1, 0, h};
+Point(3) = {0, 2.75, 0, h};
+Point(4) = {3.25, 0, 0, h};
+Point(5) = {2, 0, 0, h};
+Line(1) = {2, 3};
+Ellipse(2) = {3, 1, 4, 4};
+Line(3) = {4, 5};
+Ellipse(4) = {5, 1, 5, 2};
+Curve Loop(1) = {-4, -3, -2, -1};
+Plane Surface(1) = {1};
+across = Ceil(1.5 / h) + 1;
+along = 2 * Ceil(1.8 / h) + 1;
+Transfinite Curve {1, 3} = across;
+Transfinite Curve {2, 4} = along;
+Transfinite Surface {1} Alternate;
+Physical Curve("AB") = {1};
+Physical Curve("outer") = {2};
+Physical Curve("CD") = {3};
+Physical Curve("symmetry") = {1, 3};
+Physical Surface("sheet") = {1};
