@@ -54,7 +54,8 @@ def converge(
         by default the first of [interest], the path of the first probe, or the displacement.
     refine
         "h", "dt", or "both" in the ratio that balances their errors, dt ∝ h^(p/q) for the
-        orders p and q.
+        orders p and q. Where the error, the work or the stability limit chooses dt, a level of
+        "dt" repeats the steps of the level before, each in halves.
     levels, ratio
         Their number, and h or dt of a level over h or dt of the next level: by default 2.
     grade

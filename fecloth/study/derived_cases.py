@@ -11,7 +11,6 @@ from typing import Any, Self
 import numpy as np
 
 from fecloth.errors import FeclothWarning, InputError
-from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.protocol import method_of
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.along import Along, Sides
@@ -32,7 +31,7 @@ from fecloth.study.derivation import (
     derive_run,
 )
 from fecloth.study.laying import describe_state
-from fecloth.study.measured_runs import columns_to_record, measure, record_of
+from fecloth.study.measured_runs import columns_to_record, make_method, measure, record_of
 from fecloth.study.modes import Modes, modes
 from fecloth.study.parameters import Parameter
 from fecloth.study.problem import StudyProblem
@@ -204,7 +203,7 @@ def run_twin(
     setup = problem.on(values_by_name, problem.setup())
     setup = _sharpen(setup, TWIN_TOLERANCE)
     if sizes and not isinstance(setup.steps, LoadSteps):  # load steps are the same anyway
-        method_of_run = _make_method(method) if method else method_of(setup.steps)
+        method_of_run = make_method(method) if method else method_of(setup.steps)
         setup = replace(setup, steps=GivenSteps(method_of_run, tuple(sizes)))
     quantities = sought_derivatives.quantities
     recorded = {name for quantity in quantities for name in columns_to_record(quantity)}
@@ -218,12 +217,6 @@ def run_twin(
     cloth = setup.cloth
     values = [value_of(q, record_of(row, q, cloth, problem.source.probes)) for q in quantities]
     return {"values": values, "cpu_seconds": time.process_time() - begin}
-
-
-def _make_method(name: str) -> Any:
-    """Return the method whose class has this name, with its defaults."""
-    methods = [make() for make in (METHODS | EXPLICIT).values()]
-    return next(method for method in methods if type(method).__name__ == name)
 
 
 def _sharpen(setup: Setup, tolerance: float) -> Setup:

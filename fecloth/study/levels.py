@@ -45,12 +45,16 @@ def levels_to_run(
     """Return the runs of the levels, coarse to fine, and after them those for other errors.
 
     A finer level of an equilibrium starts from the solution of the level before, and so stays on
-    its branch. With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors
-    of both keep their share. Raise `InputError` for what `check_levels` or the problem refuses.
+    its branch. Where the error, the work or the stability limit chooses dt, a finer level repeats
+    the steps of the level before, each in halves. With "both", dt ∝ h^(p/q) for the orders p in
+    space and q in time: then the errors of both keep their share. Raise `InputError` for what
+    `check_levels` or the problem refuses.
     """
     check_levels(refine, levels, ratio)
     problem.check_refining(refine)
     space_order, time_order = problem.orders(quantity)
+    if refine == "dt" and not problem.can_refine("dt"):
+        return _halving_levels(problem, quantity, levels, ratio)
     ratio = ratio or RATIO
     ratios = {refine: ratio}
     if refine == "both":
@@ -59,6 +63,23 @@ def levels_to_run(
     first, *finer = (_level(problem, {}, of_level) for of_level in divisors)
     runs = [first, *(replace(run, follows=problem.is_static) for run in finer)]
     return runs + _runs_for_other_errors(problem, quantity, refine, time_order)
+
+
+def _halving_levels(
+    problem: StudyProblem, quantity: Quantity, levels: int, ratio: float | None
+) -> list[Run]:
+    """Return the runs of levels that each repeat the steps of the level before in halves."""
+    if ratio not in (None, 2.0):
+        allowed = "must be 2: each chosen step is taken in halves"
+        raise InputError(f"ratio = {ratio:g}", allowed, "converge")
+    first = _level(problem, {}, {})
+    finer = []
+    for parts in (2**k for k in range(1, levels)):
+        work = replace(first.work, steps=parts * first.work.steps)
+        words = f"each step in {parts} parts"
+        finer.append(replace(first, words=words, own_work=work, halves=True))
+    _, time_order = problem.orders(quantity)
+    return [first, *finer, *_runs_for_other_errors(problem, quantity, "dt", time_order)]
 
 
 def _level(problem: StudyProblem, cells: Mapping, divisors: Mapping[str, float]) -> Run:

@@ -12,9 +12,12 @@ from typing import Any
 import numpy as np
 
 from fecloth.errors import FeclothError, FeclothWarning
+from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.integrators.protocol import chooses_method, method_of
 from fecloth.mesh.cloth import Cloth
 from fecloth.runs.first_calls import compile_kernels
 from fecloth.simulation.equilibrium import Equilibrium, equilibrium
+from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.fused_march import ROWS
 from fecloth.simulation.on_request import on_request
 from fecloth.simulation.quantity import Quantity
@@ -44,6 +47,7 @@ def measure_problem(
     change: Callable[[Setup], Setup] | None = None,
     coarser: Mapping[str, Any] | None = None,
     laid: str = "",
+    halved: Mapping[str, Any] | None = None,
     **more: Any,
 ) -> dict:
     """Return the row of `measure` of a problem, with the seconds of set-up and all runs.
@@ -53,7 +57,8 @@ def measure_problem(
     make. `disturbed` is the seed of a disturbance of the start, `change` a function that returns
     the set-up to run, `more` are arguments of `measure`. `coarser` has the case of a `problem` on
     a coarser mesh and its `displacement` (n, 3) at rest: an equilibrium starts from there, or, if
-    it is not found so, as it would without. `laid` is a way of `ways_of_laying`.
+    it is not found so, as it would without. `laid` is a way of `ways_of_laying`. `halved` has the
+    `method` and the `sizes` of the steps of another run: this run takes each of them in halves.
     """
     begin = time.perf_counter()
     setup = problem.setup()
@@ -63,6 +68,8 @@ def measure_problem(
         setup = setup.disturbed(disturbed)
     if laid:
         setup = lay(setup, laid)
+    if halved:
+        setup = replace(setup, steps=_halve_steps(setup, **halved))
     begin_of_compilation = time.perf_counter()
     compile_kernels(setup)
     begin += time.perf_counter() - begin_of_compilation
@@ -79,6 +86,23 @@ def measure_problem(
     if row is None:
         row = measure(setup, recorded, modes, **more)
     return row | {"case_seconds": time.perf_counter() - begin}
+
+
+def make_method(name: str) -> Any:
+    """Return the method whose class has this name, with its defaults."""
+    methods = [make() for make in (METHODS | EXPLICIT).values()]
+    return next(method for method in methods if type(method).__name__ == name)
+
+
+def _halve_steps(setup: Setup, method: str, sizes: Sequence[float]) -> GivenSteps:
+    """Return steps of these sizes [s], each in halves, by the method of the set-up.
+
+    `method` is the name of the method that `Auto` has chosen; other set-ups have their own.
+    """
+    own = method_of(setup.steps)
+    if chooses_method(own):
+        own = make_method(method)
+    return GivenSteps(own, tuple(np.repeat(np.array(sizes) / 2, 2)))
 
 
 def measure(
@@ -227,10 +251,13 @@ def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
     end are wanted. `report` is called after each recorded step.
     """
     simulation, solver = setup.choose()
-    sizes = [0.0]
+    sizes = list[float]()
+    t = setup.start.t
 
     def follow(info):
-        sizes.append(info.dt)
+        nonlocal t
+        sizes.extend([(info.t - t) / info.number] * info.number)
+        t = info.t
         report(info)
 
     result = simulation.run(solver, report=follow, rows=None if whole else ROWS)
@@ -240,7 +267,9 @@ def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
         "end": result.state,
         "result": result,
         "steps": result.steps,
-        "step": math.nan if setup.is_static else max(sizes),
+        "step": math.nan if setup.is_static else max(sizes, default=0.0),
+        "method_of_steps": "" if setup.is_static else type(method_of(simulation.steps)).__name__,
+        "sizes": [] if simulation.steps.dt else sizes,
         "newton": result.newton,
         "time_error": result.time_error,
         "time_order": 0 if setup.is_static else simulation.steps.traits.order,
@@ -268,6 +297,8 @@ def _solve(setup: Setup, report: Callable[..., None], rest: Rest | None) -> dict
         "end": state,
         "result": state,
         "step": math.nan,
+        "method_of_steps": "",
+        "sizes": [],
         "time_error": math.nan,
         "time_order": 0,
     }

@@ -254,15 +254,17 @@ class StudyProblem:
         return (self.h if size == "h" else self.dt) is not None
 
     def check_refining(self, refine: str) -> None:
-        """Raise `InputError` if there is no h or fixed dt to refine.
+        """Raise `InputError` if there is no h or dt to refine.
 
-        `refine` is "h", "dt" or "both". An explicit method with its stable step needs no dt for
-        "both": the step falls with h.
+        `refine` is "h", "dt" or "both". Chosen steps can be repeated in halves with "dt". For
+        "both" a fixed dt is needed, but for an explicit method with its stable step, which falls
+        with h.
         """
         if refine != "dt" and not self.can_refine("h"):
             self.source.refuse_refining("h")
         follows = refine == "both" and not self.is_static and self.source.has_stable_steps
-        if refine != "h" and (self.is_static or not (self.can_refine("dt") or follows)):
+        can_refine = self.can_refine("dt") or follows or (refine == "dt" and self.span is not None)
+        if refine != "h" and (self.is_static or not can_refine):
             self.source.refuse_refining("dt")
 
     def on(self, values: Mapping[str, float], base: Setup) -> Setup:

@@ -93,6 +93,8 @@ class Run:
         The estimated size of the run, where it is not the size of its problem.
     follows
         Whether it starts from the solution of the run before it in the list, on a coarser mesh.
+    halves
+        Whether it repeats the steps of the run before it in the list, each halved.
     """
 
     problem: StudyProblem
@@ -102,6 +104,7 @@ class Run:
     arguments: Mapping[str, Any] = field(default_factory=dict)
     own_work: Work | None = None
     follows: bool = False
+    halves: bool = False
 
     @cached_property
     def case(self) -> dict | None:
@@ -206,7 +209,7 @@ def run_all(runs: Sequence[Run], how: Runs) -> list[Row]:
     results: list[dict] = [{} for _ in runs]
     waiting = list(range(len(runs)))
     while waiting:
-        ready = [i for i in waiting if not (runs[i].follows and i - 1 in waiting)]
+        ready = [i for i in waiting if not (_needs_the_one_before(runs[i]) and i - 1 in waiting)]
         wave = [_begin_at(runs[i], runs[i - 1], results[i - 1]) for i in ready]
         for i, result in zip(ready, _run_side_by_side(wave, how, progress), strict=True):
             results[i] = result
@@ -216,10 +219,17 @@ def run_all(runs: Sequence[Run], how: Runs) -> list[Row]:
     return [{**run.cells, **result, "problem": run.problem} for run, result in pairs]
 
 
+def _needs_the_one_before(run: Run) -> bool:
+    return run.follows or run.halves
+
+
 def _begin_at(run: Run, coarser: Run, result: Mapping) -> Run:
-    """Return a run that begins at the result of a run on a coarser mesh, if it follows that."""
-    if not run.follows or result["status"] != status.OK:
+    """Return a run with what it takes of the run before it: its solution, or its steps."""
+    if not _needs_the_one_before(run) or result["status"] != status.OK:
         return run
+    if run.halves:
+        steps = {"method": result["method_of_steps"], "sizes": result["sizes"]}
+        return replace(run, arguments={**run.arguments, "halved": steps})
     problem: Any = coarser.problem
     if coarser.case is not None:
         problem = problem.case()

@@ -302,8 +302,8 @@ class SceneSource:
             raise InputError("a mesh of one size", "has no cloth.h to refine", self.where, remedy)
         if self.scene.equilibrium:
             raise InputError("refine = 'dt'", "an equilibrium has no dt", self.where)
-        remedy = "Give time.dt; or refine h: the steps follow their tolerance."
-        raise InputError('dt = "auto"', "cannot be refined", self.where, remedy)
+        remedy = "Give time.dt; or refine h, or dt alone: then each step is halved."
+        raise InputError('dt = "auto"', "cannot be refined with h", self.where, remedy)
 
     def text(self) -> str:
         """Return the scene as TOML."""

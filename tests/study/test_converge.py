@@ -334,7 +334,7 @@ def test_mistakes_of_scenes(scene):
         fc.study.converge(scene, h=0.1)
     automatic = fc.load_scene(scene, ["time.dt=auto"])
     with pytest.raises(InputError, match="Give time.dt"):
-        fc.study.converge(automatic, refine="dt")
+        fc.study.converge(automatic, refine="both")
 
 
 def test_theoretical_orders_know_round_borders_and_elements():
