@@ -150,14 +150,17 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     The memory is a constant for the program, and bytes in proportion to the n nodes, to the
     entries of the gradients (triangles × quadrature points × nodes), to the triangles (a frame),
     to the b blocks of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated
-    strains and of plates. Explicit runs have no matrix; there the hinges and springs count.
+    strains and of plates. Explicit runs have a matrix for their error in time only; there the
+    hinges and springs count, too.
     """
     n = len(system.cloth.X)
     is_explicit = solver == "explicit"
-    blocks = 0 if is_explicit else len(system.pattern.indices)
+    blocks = len(system.pattern.indices)
     gradients = math.prod(system.cloth.gradients.shape[:3])
     used: float = 258 * n + 157 * gradients + 150 * blocks  # bytes
     used += 500 * len(system.cloth.triangles)
+    if system.cloth.element == "P2":
+        used += 3000 * n  # the recovered stress of frames
     for term in system.bound:  # the arrays of interpolated strains and of plates
         used += term.nbytes(explicit=is_explicit)
         if is_explicit and isinstance(term, BoundCondition):  # a hinge or a spring
@@ -165,7 +168,7 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     if any(term.keeps_tangent for term in system.bound):
         used += 72 * blocks  # the tangents that iterations share
     used += 18 * blocks  # less than the matrix: what binding takes is free by then
-    if solver == "pcg":
+    if solver == "pcg" or is_explicit:
         used += 146 * blocks  # the matrices of the error in time, and A in float32
     if solver == "multigrid":
         used += MULTIGRID_PER_NODE * n + MULTIGRID_PER_BLOCK * blocks

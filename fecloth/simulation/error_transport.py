@@ -13,6 +13,7 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
+MOST_PARTS = 16  # of the time between two samples
 GAMMA = 1 - math.sqrt(0.5)
 # Of the linear solves: the estimate itself is known to a factor, not to a per mille.
 RTOL_OF_TRANSPORT = 1e-2
@@ -41,15 +42,24 @@ class Error:
 def carry_error(
     system: System, state: State, seconds: float, error: Error, s: np.ndarray, r: np.ndarray
 ) -> Error:
-    """Return the error after so many seconds, by a step of `Transport` about a state.
+    """Return the error after so many seconds, by steps of `Transport` about a state.
 
-    s [m/s] and r [m/s²] (n, 3) are added to the errors of x and of v in each second. Raises
-    `SolveFailed` where the matrix of the step is singular.
+    s [m/s] and r [m/s²] (n, 3) are added to the errors of x and of v in each second. It is one
+    step. Where errors grow so fast that its matrix is indefinite, it is two steps, or four, or
+    at most MOST_PARTS. Raises `SolveFailed` if that is not enough.
     """
-    try:
-        return Transport.at(system, state, seconds, system.symmetric).carry(error, s, r)
-    except IndefiniteMatrix:
-        return Transport.at(system, state, seconds, symmetric=False).carry(error, s, r)
+    parts = 1
+    while True:
+        try:
+            transport = Transport.at(system, state, seconds / parts)
+            after = error
+            for _ in range(parts):
+                after = transport.carry(after, s, r)
+            return after
+        except IndefiniteMatrix:
+            parts *= 2
+            if parts > MOST_PARTS:
+                raise
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,15 +94,12 @@ class Transport:
     solver: LinearSolver
 
     @classmethod
-    def at(cls, system: System, state: State, seconds: float, symmetric: bool) -> "Transport":
-        """Prepare a step of this length; raise `SolveFailed` for a matrix without a factor.
-
-        A solver for matrices that are not symmetric also takes those that are indefinite.
-        """
+    def at(cls, system: System, state: State, seconds: float) -> "Transport":
+        """Prepare a step of this length; raise `SolveFailed` for a matrix without a factor."""
         h = GAMMA * seconds
         zeros = BlockMatrix.zeros(system.pattern, system.team)
         K = system.assemble(zeros, state, wx=1.0)
-        solver, J, _ = make_linear_solver(system, "auto", symmetric)
+        solver, J, _ = make_linear_solver(system, "auto", system.symmetric)
         J.values[:] = h * h * K.values
         system.project(system.add_tangents(J, state, wv=h, wa=1.0))
         solver.begin(h * h, 1.0, state.x)

@@ -123,7 +123,7 @@ def test_pieces_have_no_disturbed_start(scene, tmp_path):
 
 
 def test_a_start_at_one_point_turns_about_no_axis(scene):
-    """Neither `run` nor `info` of such a scene ends in an error of Python."""
+    """Such a scene is refused, and no axis is sought."""
     cloth = fc.Cloth.rectangle(0.4, 0.1, h=0.1)
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], ["left"])
     assert rotation_about_pins(system, np.zeros((len(cloth.X), 3))) is None
@@ -133,5 +133,5 @@ def test_a_start_at_one_point_turns_about_no_axis(scene):
         "pins=[{where='left'}]",
     ]
     sets = [word for value in at_a_point for word in ("--set", value)]
-    assert main(["info", str(scene), *sets]) == 0
-    assert main(["run", str(scene), "-o", "out", "--quiet", *sets]) in (0, 3)
+    assert main(["info", str(scene), *sets]) == 2
+    assert main(["run", str(scene), "-o", "out", "--quiet", *sets]) == 2

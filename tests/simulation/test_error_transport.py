@@ -51,7 +51,7 @@ def test_an_error_swings_or_grows_as_a_mode(stretch, forcing, monkeypatch):
     frequency, (s, r) = math.sqrt(abs(square)), forcing
     far = []
     for seconds in (0.2 / frequency, 0.1 / frequency):
-        step = Transport.at(system, state, seconds, symmetric=False)
+        step = Transport.at(system, state, seconds)
         error = step.carry(Error(0.7 * shape, 20.0 * shape), s * shape, r * shape)
         size = (shape**2).sum()
         said = np.array([(each * shape).sum() / size for each in (error.x, error.v)])
@@ -63,7 +63,7 @@ def test_an_error_swings_or_grows_as_a_mode(stretch, forcing, monkeypatch):
 
 def test_waves_that_no_step_resolves_are_taken_away():
     system, state, shape, square = sheet(1.05)
-    step = Transport.at(system, state, 1e4 / math.sqrt(square), symmetric=True)
+    step = Transport.at(system, state, 1e4 / math.sqrt(square))
     after = step.carry(Error(shape, 0 * shape), 0 * shape, 0 * shape)
     assert np.abs(after.x).max() < 1e-2 * np.abs(shape).max()
 
@@ -118,8 +118,8 @@ def test_a_flat_sheet_that_is_pressed_together_is_not_resolved():
     system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), [fc.StVK()], pins=["boundary"])
     x = np.column_stack([0.97 * cloth.X, 1e-5 * np.sin(9 * cloth.X[:, 0])])
     result = run_quietly(system, fc.BDF2(), system.state(x), 0.001, 0.03)
-    assert 0.5 < result.time_error <= 1.0
-    assert "small errors have grown" in result.figures["time_error_in_words"]
+    assert 0.3 < result.time_error <= 1.0
+    assert any(doubt.kind.value == "time" for doubt in result.doubts)
 
 
 @pytest.mark.stories
