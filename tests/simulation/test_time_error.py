@@ -253,7 +253,7 @@ def test_a_load_that_jumps_within_a_step_is_in_the_error(method):
     with pytest.warns(fc.FeclothWarning, match="would give 1 %"):
         result = fc.run(system, method, system.rest(), dt, 20 * dt)
     ratio = estimate_of(result) / (math.sqrt(2) / 4 / 4.34)
-    assert 0.8 < ratio < 2.0  # implicit steps also differ in how they see the jump
+    assert 0.5 < ratio < 2.0  # where in a step it jumps is chance
     (words,) = (words for words in result.warnings if "would give" in words)
     finer = float(words.split("dt = ")[1].split()[0])
     result = fc.run(system, method, system.rest(), finer, 20 * dt)
