@@ -45,8 +45,8 @@ def carry_error(
     """Return the error after so many seconds, by steps of `Transport` about a state.
 
     s [m/s] and r [m/s²] (n, 3) are added to the errors of x and of v in each second. It is one
-    step. Where errors grow so fast that its matrix is indefinite, it is two steps, or four, or
-    at most MOST_PARTS. Raises `SolveFailed` if that is not enough.
+    step. Where errors grow so fast that its matrix is indefinite, it is four steps, or at most
+    MOST_PARTS. Raises `SolveFailed` if that is not enough.
     """
     parts = 1
     while True:
@@ -57,7 +57,7 @@ def carry_error(
                 after = transport.carry(after, s, r)
             return after
         except IndefiniteMatrix:
-            parts *= 2
+            parts *= 4  # just below the limit growth is overestimated
             if parts > MOST_PARTS:
                 raise
 

@@ -149,7 +149,11 @@ class Result:
 
     @property
     def deformation_error(self) -> float:
-        """The same of the deformation: without rigid motions."""
+        """What the error of the deformation in time is at most, relative to the deformation.
+
+        Error and deformation are the largest root mean squares over the run, both without rigid
+        motions. 1 and NaN are as for `time_error`.
+        """
         error = self.accounts.get(TimeError)
         return error.relative_of_deformation if error else math.nan
 

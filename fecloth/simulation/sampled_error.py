@@ -88,8 +88,9 @@ class SampledError:
         Why there is no estimate, or "".
     """
 
-    # The bound over the estimate: so it was at least the true error in 9 of 10 set-ups, and at
-    # most 5 times as large (`studies.evidence.trust.estimators`).
+    # The bound over the estimate. It is chosen so that the bound is at least the true error in 9
+    # of 10 small set-ups, and at most 5 times the true error in 9 of 10: see the study
+    # `studies.evidence.trust.estimators`.
     safety: ClassVar[float] = 2.6
 
     opening: Sample

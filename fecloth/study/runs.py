@@ -209,7 +209,7 @@ def run_all(runs: Sequence[Run], how: Runs) -> list[Row]:
     results: list[dict] = [{} for _ in runs]
     waiting = list(range(len(runs)))
     while waiting:
-        ready = [i for i in waiting if not (_needs_the_one_before(runs[i]) and i - 1 in waiting)]
+        ready = [i for i in waiting if not (_needs_the_run_before(runs[i]) and i - 1 in waiting)]
         wave = [_begin_at(runs[i], runs[i - 1], results[i - 1]) for i in ready]
         for i, result in zip(ready, _run_side_by_side(wave, how, progress), strict=True):
             results[i] = result
@@ -219,13 +219,14 @@ def run_all(runs: Sequence[Run], how: Runs) -> list[Row]:
     return [{**run.cells, **result, "problem": run.problem} for run, result in pairs]
 
 
-def _needs_the_one_before(run: Run) -> bool:
+def _needs_the_run_before(run: Run) -> bool:
+    """Return whether a run takes the solution or the steps of the run before it."""
     return run.follows or run.halves
 
 
 def _begin_at(run: Run, coarser: Run, result: Mapping) -> Run:
     """Return a run with what it takes of the run before it: its solution, or its steps."""
-    if not _needs_the_one_before(run) or result["status"] != status.OK:
+    if not _needs_the_run_before(run) or result["status"] != status.OK:
         return run
     if run.halves:
         steps = {"method": result["method_of_steps"], "sizes": result["sizes"]}

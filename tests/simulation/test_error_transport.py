@@ -10,9 +10,10 @@ from scipy.linalg import eigh
 from support.planned import along_z
 
 import fecloth as fc
+from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.reductions import rms
 from fecloth.simulation import error_transport
-from fecloth.simulation.error_transport import Error, Transport
+from fecloth.simulation.error_transport import Error, Transport, carry_error
 from fecloth.simulation.sampled_error import SampledError, _as_random
 
 RATE = 30.0  # of the damping [1/s]
@@ -59,6 +60,23 @@ def test_an_error_swings_or_grows_as_a_mode(stretch, forcing, monkeypatch):
         far.append(np.abs((said - true) / [1.0, frequency]).max())
     assert far[0] < 2e-3
     assert far[1] < far[0] / 6  # order 3 in a step
+
+
+def test_an_error_that_grows_too_fast_for_a_step_is_carried_in_parts(monkeypatch):
+    """One step over so long a time has an indefinite matrix, and its error would not grow."""
+    system, state, shape, square = sheet(0.95)
+    assert square < 0
+    seconds = 5.0 / math.sqrt(-square)
+    with pytest.raises(IndefiniteMatrix):
+        Transport.at(system, state, seconds).carry(Error(shape, 0 * shape), 0 * shape, 0 * shape)
+    after = carry_error(system, state, seconds, Error(shape, 0 * shape), 0 * shape, 0 * shape)
+    grown = (after.x * shape).sum() / (shape**2).sum()
+    true, _ = moved_on(square, seconds, (1.0, 0.0), 0.0, 0.0)
+    assert true > 10
+    assert grown == pytest.approx(true, rel=0.5)
+    monkeypatch.setattr(error_transport, "MOST_PARTS", 1)
+    with pytest.raises(IndefiniteMatrix):
+        carry_error(system, state, seconds, Error(shape, 0 * shape), 0 * shape, 0 * shape)
 
 
 def test_waves_that_no_step_resolves_are_taken_away():

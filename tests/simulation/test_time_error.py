@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.linalg import eigh
+from scipy.spatial.transform import Rotation
 from support.tiers import stories_except
 
 import fecloth as fc
@@ -16,7 +17,7 @@ from fecloth.linalg.reductions import rms
 from fecloth.quantities.formula import Formula
 from fecloth.simulation import account
 from fecloth.simulation.account import Run
-from fecloth.simulation.rigid_motion import derivative
+from fecloth.simulation.rigid_motion import derivative, rms_of_deformation
 from fecloth.simulation.sampled_error import FEWEST_SAMPLES, SampledError
 from fecloth.simulation.time_error import TimeError
 from fecloth.simulation.time_error_words import describe_time_error
@@ -329,3 +330,17 @@ def test_what_is_stated_is_at_most_1():
     error = TimeError(system.rest().x, (0.0, 0), sampled, moved=0.1, deformed=0.1)
     assert error.relative_errors(system) == (1.0, 1.0)
     assert "not resolved, or small errors have grown" in words_of(1.0)
+
+
+def test_a_deformation_is_what_no_rigid_motion_explains(rng):
+    """A stretch by 1 % along x, then turned far and shifted: the rms is 1 % of the rms of x."""
+    a, w = rng.normal(size=(40, 3)), rng.uniform(0.5, 2.0, 40)
+    a -= w @ a / w.sum()
+    axes = np.linalg.eigh((w[:, None] * a).T @ a)[1]
+    a = a @ axes  # the moments of x, y and z are 0, so that no rotation explains the stretch
+    b = a * [1.01, 1.0, 1.0]
+    turn = Rotation.from_rotvec([0.3, -2.0, 1.1]).as_matrix()
+    expected = 0.01 * math.sqrt(w @ a[:, 0] ** 2 / w.sum())
+    assert rms_of_deformation(w, a, b @ turn.T + [1.0, 2.0, 3.0]) == pytest.approx(expected)
+    assert rms_of_deformation(w, a, a @ turn.T) == pytest.approx(0.0, abs=1e-12)
+    assert rms_of_deformation(w, a, a * [1.0, 1.0, -1.0]) > 0.1  # a reflection is no rotation

@@ -10,9 +10,10 @@ run:
 - double: a second run with double steps (explicit methods: half steps), `Companion`;
 - half: a second run with half steps.
 
-A candidate is stated with the factor of safety at which the share of estimates that are at least
-the true error, and the share of those that are at most 5 times as large, are both as large as can
-be. The factor is chosen on one seed and judged on another. The cost is the CPU time that is added
+An estimate is multiplied by a factor of safety. Two shares are counted: the share of set-ups in
+which the product is at least the true error, and the share in which it is at most 5 times the true
+error. The factor is chosen on one seed so that the smaller of both shares is largest, and judged
+on another seed. The cost is the CPU time that is added
 to the run, over that of the run, in the median: these set-ups are tiny, and large runs add less.
 
     python -m studies.evidence.trust.estimators
