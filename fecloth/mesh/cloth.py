@@ -1,7 +1,7 @@
 """The flat reference mesh and its finite-element discretisation, without material or time."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
@@ -133,9 +133,16 @@ class Cloth:
     ) -> "Cloth":
         """Mesh a disk around the origin by Gmsh with edge length `h` [m]; node set: boundary.
 
-        Edges are straight, also of P2: whatever has a round border converges with order 2.
+        All nodes of the border lie on the circle. So the edges of P2 there are parabolas, whose
+        distance from the circle is of order h⁴; of P1 they are chords, and of order h².
         """
-        return cls._from_mesh(generate.disk(radius, h, grading), element)
+        cloth = cls._from_mesh(generate.disk(radius, h, grading), element)
+        if element == "P1":
+            return cloth
+        X = cloth.X.copy()
+        border = cloth.nodes("boundary")
+        X[border] *= radius / np.linalg.norm(X[border], axis=1, keepdims=True)
+        return replace(cloth, X=X)
 
     @classmethod
     @checks_arguments
@@ -373,12 +380,13 @@ class Cloth:
 
     @cached_property
     def mesh(self) -> skfem.MeshTri:
-        """The scikit-fem mesh of the corners; it sorts the vertices inside each triangle."""
+        """The scikit-fem mesh, with curved edges if any midpoint is off the middle of its edge.
+
+        It sorts the vertices inside each triangle.
+        """
         if self.element == "P1":
-            corners = len(self.X)
-        else:
-            corners = int(self.triangles.max()) + 1
-        return elements.skfem_mesh(self.X[:corners], self.triangles)
+            return elements.skfem_mesh(self.X, self.triangles)
+        return elements.skfem_quadratic_mesh(self.X, self.triangles)
 
     @cached_property
     def cells(self) -> np.ndarray:

@@ -125,9 +125,9 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     relative to the motion that begins there; find the equilibrium first.
 
     With the consistent mass frequencies converge from above: with h² on P1 and h⁴ on P2, of
-    plates (`PlateBending`) with h² on both. Of a cloth with a round border they converge with h²
-    on P2, too, as its edges are straight. One vector of a set with equal frequencies is as good
-    as another.
+    plates (`PlateBending`) with h² on both. Of a cloth from a file with a round border they
+    converge with h² on P2, too, as its edges are straight; those of `Cloth.disk` are curved. One
+    vector of a set with equal frequencies is as good as another.
 
     A tangent that is not symmetric, of `Pressure`, `Drag`, `Wind` or `UserForce` with
     ``tangent = "exact"``, counts with its symmetric part, with a warning: flutter is not found.

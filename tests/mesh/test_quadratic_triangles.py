@@ -161,8 +161,49 @@ def test_fields_between_cloths_of_two_elements():
         coarse.l2_error(u, lambda X: X)
 
 
-def test_a_round_cloth_has_order_two_on_quadratic_triangles_too():
-    """Its edges are chords: the area misses π r² by O(h²), with midpoints or without."""
-    for element in ("P1", "P2"):
+def test_the_area_of_a_disk_has_order_two_and_with_curved_edges_four():
+    for element, order in (("P1", 2), ("P2", 4)):
         missing = [np.pi - fc.Cloth.disk(1.0, h, element=element).area for h in (0.2, 0.1)]
-        assert 1.8 < np.log2(missing[0] / missing[1]) < 2.2
+        assert order - 0.2 < np.log2(missing[0] / missing[1]) < order + 0.2
+
+
+def test_only_the_edges_along_the_border_of_a_disk_are_curved():
+    disk = fc.Cloth.disk(0.5, 0.1, element="P2")
+    border = disk.nodes("boundary")
+    np.testing.assert_allclose(np.hypot(*disk.X[border].T), 0.5, rtol=1e-14)
+    cells = disk.cells
+    for a, b, middle in ((0, 1, 3), (1, 2, 4), (2, 0, 5)):
+        bulge = disk.X[cells[:, middle]] - (disk.X[cells[:, a]] + disk.X[cells[:, b]]) / 2
+        is_curved = np.linalg.norm(bulge, axis=1) > 1e-9
+        assert np.array_equal(is_curved, np.isin(cells[:, middle], border))
+
+
+def test_integrals_and_values_on_curved_triangles():
+    """∫ X² dA = π r⁴/4 of a disk; a linear field is exact, also beyond the chords."""
+    disk = fc.Cloth.disk(0.5, 0.1, element="P2")
+    exact = np.pi * 0.5**4 / 4
+    assert disk.l2_norm(disk.X[:, 0]) ** 2 == pytest.approx(exact, rel=2e-5)
+    assert disk.load(lambda X: X[:, 0] ** 2).sum() == pytest.approx(exact, rel=2e-5)
+    for kind in ("lumped", "consistent"):
+        assert disk.mass(kind).sum() == pytest.approx(disk.area, rel=1e-12)
+    angles = np.linspace(0, 2 * np.pi, 40)
+    points = 0.4999 * np.column_stack([np.cos(angles), np.sin(angles)])
+    np.testing.assert_allclose(disk.interpolate(disk.X, points), points, atol=1e-12)
+    linear = disk.X @ [2.0, -3.0]
+    assert disk.h1_error(linear, lambda X: np.tile([2.0, -3.0], (len(X), 1))) < 1e-11
+
+
+def test_a_uniform_strain_on_curved_triangles():
+    """Of the pointwise strain a uniform stress is in balance; the interpolated one is near it."""
+    unbalanced = {}
+    for strain in ("pointwise", "interpolated"):
+        for h in (0.1, 0.05):
+            disk = fc.Cloth.disk(0.5, h, element="P2")
+            system = system_on(disk, [fc.StVK(strain=strain)])
+            x = disk.X @ np.array([[1.02, 0.01, 0], [0.03, 0.99, 0]])
+            force = system.force(system.state(x))
+            free = np.setdiff1d(np.arange(len(x)), disk.nodes("boundary"))
+            unbalanced[strain, h] = np.abs(force[free]).max() / np.abs(force).max()
+    assert max(unbalanced["pointwise", h] for h in (0.1, 0.05)) < 1e-11
+    assert unbalanced["interpolated", 0.1] < 0.002
+    assert unbalanced["interpolated", 0.05] < 0.4 * unbalanced["interpolated", 0.1]

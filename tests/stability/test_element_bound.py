@@ -66,13 +66,13 @@ def slivers():
 
 
 PATTERNS = ("right", "cross", "equilateral", "unstructured")
-MESHES = [*PATTERNS, "disk", "sliver", *(f"P2 {pattern}" for pattern in PATTERNS)]
+MESHES = [*PATTERNS, "disk", "sliver", *(f"P2 {pattern}" for pattern in (*PATTERNS, "disk"))]
 
 
 @cache
 def mesh(name):
-    if name == "disk":
-        return fc.Cloth.disk(0.5, 0.15)
+    if name.endswith("disk"):
+        return fc.Cloth.disk(0.5, 0.15) if name == "disk" else fc.Cloth.disk(0.5, 0.3, "P2")
     if name == "sliver":
         return slivers()
     *quadratic, pattern = name.split()

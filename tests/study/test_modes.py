@@ -124,6 +124,21 @@ def test_taut_strip_with_its_modes_in_the_plane(element):
     np.testing.assert_allclose(orders(errors), ORDERS[element], atol=0.2)
 
 
+@pytest.mark.parametrize("strain", ["interpolated", "pointwise"])
+def test_round_drum_of_quadratic_triangles(strain):
+    """T j²/(ρ a²) with the zeros j of J₀ and J₁, in order 4: the edges follow the circle."""
+    a, errors = 0.5, []
+    for h in (0.1, 0.05):
+        cloth = fc.Cloth.disk(a, h, element="P2")
+        system = fc.System(cloth, DRUM, [fc.StVK(strain=strain)], ["boundary"])
+        stress = DRUM.tensile[0] / (1 - DRUM.poisson_ratio) * (1.01**2 - 1) / 2
+        exact = np.array([jn_zeros(0, 1)[0], *[jn_zeros(1, 1)[0]] * 2]) ** 2 * stress / 0.2 / a**2
+        tight = system.state(flat(cloth) * [1.01, 1.01, 1.0])
+        errors.append(omega2(system, tight, 3) / exact - 1)
+    assert np.max(errors[-1]) < 3e-5
+    assert (orders(errors) > 3.5).all()
+
+
 def test_kettledrum_of_gas_meets_its_characteristic_equation():
     """T k² J₀(ka) + κ π a² J₂(ka) = 0 with κ = γ p/V: J₀(kr) − J₀(ka) balances its own pressure."""
     a, depth, p, stretch = 0.5, 1.0, 2000.0, 1.01

@@ -9,9 +9,13 @@ the linear tensor with the same
 
 It has no such artefact, and equals E where E is linear in X, as it is about flat (Neunteufel and
 Schöberl 2021, Avoiding membrane locking with Regge interpolation, Comput. Methods Appl. Mech.
-Engrg. 373). P2 keeps its orders with it: h³ in L2, h² in H1, h⁴ of energies and frequencies.
-In L2 and H1 the errors of a taut sheet differ from the errors with E by less than 5 % (cases
-of `studies.convergence`).
+Engrg. 373). It is made on the unit triangle with the coordinates ξ, where the strain is
+Ê = Jᵀ E J with J = ∂X/∂ξ, and E_h = J⁻ᵀ Ê_h J⁻¹. For straight edges this is the tensor above. On
+triangles with a curved edge E_h of a constant E differs from E by the order h².
+
+P2 keeps its orders with it: h³ in L2, h² in H1, h⁴ of energies and frequencies. In L2 and H1 the
+errors of a taut sheet differ from the errors with E by less than 5 % (cases of
+`studies.convergence`).
 
 The energy is Σ_p w_p W(E_h(p)) over three points. Each component k of E_h(p), in the order
 (11, 22, 12), is a quadratic form of the nodes' positions,
@@ -43,6 +47,7 @@ EDGES = np.array([[0, 1], [1, 2], [0, 2]])
 """The corners of each edge; the nodes on the edges follow the corners in this order."""
 POINTS = len(INTERIOR)
 NODES = 3 + len(EDGES)
+UNIT_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 
 STRAINS = "interpolated", "pointwise"
@@ -73,12 +78,12 @@ class ReggeStrain:
     rest
         (m, 3 points, 3) E⁰, for which the flat cloth has no strain.
     slopes
-        (m, 6, 6) ∂N_a/∂t at the six Gauss points of the edges [1/m].
+        (m, 6, 6) ∂N_a/∂t at the six Gauss points of the edges of the unit triangle.
     gradients
-        (m, 3, 6, 2) ∂N_a/∂X at the three points [1/m].
+        (m, 3, 6, 2) ∂N_a/∂ξ at the three points.
     samples
-        (m, 9, 9) The matrix that gives E_h at the three points from its nine data: the six
-        values t · E t and the mean of E.
+        (m, 9, 9) The matrix that gives E_h at the three points from the nine data of Ê: the six
+        values t · Ê t and the mean of Ê.
     """
 
     nodes: np.ndarray
@@ -125,32 +130,29 @@ class ReggeStrain:
     def of_panel(cls, panel: Panel) -> Self:
         """The strain of the triangles of a panel of P2.
 
-        E_h at the three points is `samples` times its nine data, each of which is a form of the
-        positions: t · E t at an edge's point has the form of ∂N_a/∂t ∂N_b/∂t.
+        The forms of E on the unit triangle are the same for all triangles. J is ∂X/∂ξ at the
+        three points.
         """
         cloth = panel.cloth
         X = _along_grain(panel)
-        barycentric = _barycentric_gradients(X[:, :3])
-        points, t = _edge_points(X)
-        slopes = np.einsum("esai,esi->esa", _gradients(points, barycentric), t)
-        gradients = _gradients(INTERIOR, barycentric)
-        samples = _interpolation(points, t)
-        forms = np.einsum("eps,esa,esb->epab", samples[:, :, :6], slopes, slopes, optimize=True)
-        mean = _strain_forms(gradients).mean(axis=1)  # (m, 3, 6, 6)
-        forms += np.einsum("epk,ekab->epab", samples[:, :, 6:], mean, optimize=True)
-        forms = np.ascontiguousarray(forms.reshape(-1, POINTS, 3, NODES, NODES))
         local = X - X[:, :1]  # from the first node, which avoids round-off
+        slopes, gradients, samples, unit_forms = _on_unit_triangle()
+        J = np.einsum("eai,paj->epij", local, gradients)
+        to_cloth = _covariant(np.linalg.inv(J))
+        forms = np.einsum("epkl,plab->epkab", to_cloth, unit_forms, optimize=True)
+        forms = np.ascontiguousarray(forms)
+        m = len(X)
+        samples = np.einsum("epkl,pls->epks", to_cloth, samples).reshape(m, 3 * POINTS, 9)
         rest = 0.5 * np.einsum("epkab,eai,ebi->epk", forms, local, local, optimize=True)
-        area = cloth.weights.sum(axis=1)
-        weights = np.repeat(area[:, None] / POINTS, POINTS, axis=1)
+        weights = np.abs(np.linalg.det(J)) / (2 * POINTS)  # corners may be clockwise
         return cls(
             nodes=cloth.stencil,
             forms=forms,
             weights=weights,
             rest=rest,
-            slopes=slopes,
-            gradients=gradients,
-            samples=samples,
+            slopes=np.tile(slopes, (m, 1, 1)),
+            gradients=np.tile(gradients, (m, 1, 1, 1)),
+            samples=np.ascontiguousarray(samples),
         )
 
 
@@ -163,39 +165,45 @@ def _along_grain(panel: Panel) -> np.ndarray:
     return np.stack([c * X + s * Y, c * Y - s * X], axis=-1)
 
 
-def _edge_points(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Barycentric coordinates (6, 3) of the Gauss points of the edges, and t (m, 6, 2) there."""
-    points = np.zeros((6, 3))
-    along = np.tile(GAUSS, 3)
+def _on_unit_triangle() -> tuple[np.ndarray, ...]:
+    """Return the slopes, gradients, samples (3, 3, 9) and forms (3, 3, 6, 6) of E there."""
     ends = np.repeat(EDGES, 2, axis=0)
-    points[np.arange(6)[:, None], ends] = np.stack([1 - along, along], axis=-1)
-    edge = X[:, EDGES[:, 1]] - X[:, EDGES[:, 0]]
-    t = np.repeat(edge / np.linalg.norm(edge, axis=-1, keepdims=True), 2, axis=1)
-    return points, t
+    points = np.zeros((6, 3))  # the Gauss points of the edges
+    points[np.arange(6)[:, None], ends] = np.column_stack(
+        [1 - np.tile(GAUSS, 3), np.tile(GAUSS, 3)]
+    )
+    t = UNIT_CORNERS[ends[:, 1]] - UNIT_CORNERS[ends[:, 0]]
+    slopes = np.einsum("sai,si->sa", _gradients(points), t)
+    gradients = _gradients(INTERIOR)
+    samples = _interpolation(points, t)
+    forms = np.einsum("pks,sa,sb->pkab", samples[:, :, :6], slopes, slopes)
+    mean = _strain_forms(gradients).mean(axis=0)
+    forms += np.einsum("pkl,lab->pkab", samples[:, :, 6:], mean)
+    return slopes, gradients, samples, forms
 
 
-def _barycentric_gradients(corners: np.ndarray) -> np.ndarray:
-    """(m, 3, 2) gradients of the barycentric coordinates of triangles (m, 3, 2)."""
-    e = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # opposite to each corner
-    double_area = e[:, 0, 0] * e[:, 1, 1] - e[:, 0, 1] * e[:, 1, 0]
-    gradients: np.ndarray = np.stack([-e[..., 1], e[..., 0]], axis=-1)
-    gradients /= double_area[:, None, None]
-    return gradients
+def _covariant(K: np.ndarray) -> np.ndarray:
+    """(…, 3, 3) the matrix from the components (11, 22, 12) of Ê to those of Kᵀ Ê K."""
+    (a, b), (c, d) = np.moveaxis(K, (-2, -1), (0, 1))
+    rows = [[a * a, c * c, 2 * a * c], [b * b, d * d, 2 * b * d], [a * b, c * d, a * d + b * c]]
+    matrix: np.ndarray = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    return matrix
 
 
-def _gradients(points: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """(m, p, 6, 2) gradients of the shape functions at barycentric points (p, 3)."""
-    corners = (4 * points - 1)[None, :, :, None] * g[:, None]
+def _gradients(points: np.ndarray) -> np.ndarray:
+    """(p, 6, 2) gradients ∂N_a/∂ξ of the shape functions at barycentric points (p, 3)."""
+    g = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # of the barycentric coordinates
+    corners = (4 * points - 1)[:, :, None] * g
     i, j = EDGES.T
-    middle = points[None, :, i, None] * g[:, None, j] + points[None, :, j, None] * g[:, None, i]
-    return np.concatenate([corners, 4 * middle], axis=2)
+    middle = points[:, i, None] * g[j] + points[:, j, None] * g[i]
+    return np.concatenate([corners, 4 * middle], axis=1)
 
 
 def _strain_forms(G: np.ndarray) -> np.ndarray:
-    """(m, p, 3, 6, 6) the forms of the Green strain: E_k = ½ Σ_ab A^k_ab x_a · x_b − E⁰_k.
+    """(p, 3, 6, 6) the forms of the Green strain: E_k = ½ Σ_ab A^k_ab x_a · x_b − E⁰_k.
 
-    k stands for 11, 22, 12, and G (m, p, 6, 2) are the gradients of the shape functions at p
-    points [1/m]: as F_i = Σ_a G_ai x_a, the forms are G_a1 G_b1, G_a2 G_b2 and the symmetric part
+    k stands for 11, 22, 12, and G (p, 6, 2) are the gradients of the shape functions at p
+    points: as F_i = Σ_a G_ai x_a, the forms are G_a1 G_b1, G_a2 G_b2 and the symmetric part
     of G_a1 G_b2.
     """
     G1, G2 = G[..., 0], G[..., 1]
@@ -205,22 +213,22 @@ def _strain_forms(G: np.ndarray) -> np.ndarray:
         np.einsum("...a,...b->...ab", G2, G2),
         0.5 * (product + np.swapaxes(product, -1, -2)),
     ]
-    stacked: np.ndarray = np.stack(parts, axis=2)
+    stacked: np.ndarray = np.stack(parts, axis=1)
     return stacked
 
 
 def _interpolation(points: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """(m, 9, 9) the matrix that gives E_h at the interior points from its nine data.
+    """(3, 3, 9) the matrices that give E_h at the interior points from its nine data.
 
-    t (m, 6, 2) are the directions of the edges at their `points`. The unknowns in between are
-    the values of E_h at the corners.
+    t (6, 2) are the directions of the edges at their `points`. The unknowns in between are the
+    values of E_h at the corners.
     """
-    along = np.stack([t[..., 0] ** 2, t[..., 1] ** 2, 2 * t[..., 0] * t[..., 1]], axis=-1)
-    data = np.empty((len(t), 9, 3, 3))
-    data[:, :6] = points[None, :, :, None] * along[:, :, None, :]
-    data[:, 6:] = np.eye(3)[None, :, None, :] / 3
+    along = np.stack([t[:, 0] ** 2, t[:, 1] ** 2, 2 * t[:, 0] * t[:, 1]], axis=-1)
+    data = np.empty((9, 3, 3))
+    data[:6] = points[:, :, None] * along[:, None, :]
+    data[6:] = np.eye(3)[:, None, :] / 3
     values = np.einsum("pc,kl->pkcl", INTERIOR, np.eye(3)).reshape(9, 9)
-    return np.ascontiguousarray(values @ np.linalg.inv(data.reshape(-1, 9, 9)))
+    return (values @ np.linalg.inv(data.reshape(9, 9))).reshape(POINTS, 3, 9)
 
 
 @inner
@@ -327,8 +335,8 @@ def scatter_tension(
 ) -> None:
     """J_ab += scale (Σ_s max(σ_s, 0) H_sa H_sb + ⅓ Σ_q G_a · S G_b) I₃, semi-definite if S is.
 
-    σ_s are the stresses on t · E t at the Gauss points of the edges, the first six of `sigma`,
-    with the slopes H (6, 6) there. S is the stress on the mean of E, with the gradients
+    σ_s are the stresses on t · Ê t at the Gauss points of the edges, the first six of `sigma`,
+    with the slopes H (6, 6) there. S is the stress on the mean of Ê, with the gradients
     G (3, 6, 2) at the three points. `slots` (m, 6, 6) are the blocks of J.
     """
     for a in range(NODES):
