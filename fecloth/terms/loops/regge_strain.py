@@ -228,7 +228,8 @@ def _interpolation(points: np.ndarray, t: np.ndarray) -> np.ndarray:
     data[:6] = points[:, :, None] * along[:, None, :]
     data[6:] = np.eye(3)[:, None, :] / 3
     values = np.einsum("pc,kl->pkcl", INTERIOR, np.eye(3)).reshape(9, 9)
-    return (values @ np.linalg.inv(data.reshape(9, 9))).reshape(POINTS, 3, 9)
+    matrix: np.ndarray = values @ np.linalg.inv(data.reshape(9, 9))
+    return matrix.reshape(POINTS, 3, 9)
 
 
 @inner
