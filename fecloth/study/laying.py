@@ -38,16 +38,20 @@ def describe_state(setup: Setup, x: np.ndarray) -> dict[str, Any]:
 def ways_of_laying(setup: Setup, folds: float | None) -> list[str]:
     """Return other ways of laying a cloth that lies in so many folds, for `lay`.
 
-    A round cloth is laid in waves, fewer and more than it has folds; any cloth is laid flat and
-    disturbed, or, if its loads grow in steps, dropped: the loads act at once.
+    A round cloth is laid in waves, fewer and more than it has folds; any other in twice as many
+    load steps; any cloth flat and disturbed, or, if its loads grow in steps, dropped: the loads
+    act at once.
     """
+    has_steps = isinstance(setup.steps, LoadSteps)
     ways = ["flat 1", "flat 2"]
+    if has_steps:
+        ways.insert(0, "in more steps")
     if is_round(setup.cloth):
         near = sorted(FOLDS, key=lambda waves: abs(waves - (folds or USUAL_FOLDS)))
         fewer_and_more = [waves for waves in near if waves != folds][:3]
         ways = [*(f"waves {waves}" for waves in fewer_and_more[:2]), "flat 1"]
         ways.append(f"waves {fewer_and_more[2]}")
-    if isinstance(setup.steps, LoadSteps) and setup.steps.load_steps > 1:
+    if has_steps and setup.steps.load_steps > 1:
         ways.append("dropped")
     return ways
 
@@ -60,6 +64,8 @@ def lay(setup: Setup, way: str) -> Setup:
     kind, _, number = way.partition(" ")
     if kind == "dropped":
         return setup.taking(replace(setup.steps, load_steps=1))
+    if kind == "in":
+        return setup.taking(replace(setup.steps, load_steps=2 * setup.steps.load_steps))
     flat = replace(setup, start=replace(setup.start, x=_flat(setup)))
     if kind == "flat":
         return flat.disturbed(int(number))

@@ -8,6 +8,7 @@ import pytest
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study import states
 from fecloth.study.laying import describe_state, lay, ways_of_laying
@@ -149,6 +150,15 @@ def test_a_round_cloth_is_laid_in_waves_and_its_pins_hold():
     assert describe_state(setup, setup.start.x) == {"folds": 0.0, "compressed": 0.0}
     squeezed = setup.start.x * [0.99, 0.99, 1.0]
     assert describe_state(setup, squeezed)["compressed"] == pytest.approx(1.0)
+
+
+def test_an_equilibrium_is_looked_for_in_twice_as_many_load_steps_too():
+    setup = StudyProblem.of(sheet, h=0.05).setup()
+    resting = setup.taking(LoadSteps(load_steps=3))
+    assert ways_of_laying(resting, None) == ["in more steps", "flat 1", "flat 2", "dropped"]
+    laid = lay(resting, "in more steps")
+    assert laid.steps == LoadSteps(load_steps=6)
+    np.testing.assert_array_equal(laid.start.x, setup.start.x)
 
 
 def test_any_other_cloth_is_laid_flat_from_a_bent_start():
