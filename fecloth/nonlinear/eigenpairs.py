@@ -26,6 +26,10 @@ ARPACK_TOLERANCE = 1e-11  # relative residual of an eigenpair; no linear solve i
 ARPACK_RESTARTS = 100  # at the most; what was found by then is taken
 
 
+# The asymmetry of K over K: up to it no frequency changes visibly.
+SYMMETRIC_STIFFNESS = 1e-6
+
+
 @dataclass(frozen=True, eq=False)
 class Eigenpairs:
     """Solutions of K u = λ M u, the least λ first.
@@ -47,6 +51,19 @@ class Eigenpairs:
     vectors: np.ndarray
     zero: float
     asymmetry: float
+
+    @property
+    def are_symmetric(self) -> bool:
+        """Whether K is symmetric but for round-off."""
+        return self.asymmetry <= SYMMETRIC_STIFFNESS
+
+    @property
+    def is_unstable(self) -> bool:
+        """Whether a value is negative and K symmetric, so that a disturbance grows.
+
+        A negative value of the symmetric part alone says nothing about the motion.
+        """
+        return self.are_symmetric and bool(self.values[0] < -self.zero)
 
 
 def least_eigenpairs(system: System, state: State, count: int, unit_mass=False) -> Eigenpairs:
@@ -258,7 +275,9 @@ def _iterate_lanczos(operator, M, shift: float, wanted: int, start: np.ndarray):
 def least_stiffness(system: System, state: State) -> tuple[float, float]:
     """The least eigenvalue of K on the free directions, and what may be round-off [N/m].
 
-    It is NaN for a cloth that is held whole, and for a stiffness that is not finite.
+    It is NaN for a cloth that is held whole, and for a stiffness that is not finite. So it is
+    where K is not symmetric, as under loads that follow the cloth, and the least eigenvalue of
+    its symmetric part is negative.
     """
     if not system.is_whole or system.admissible.shape[1] < 2:
         return math.nan, 0.0
@@ -266,4 +285,7 @@ def least_stiffness(system: System, state: State) -> tuple[float, float]:
         pairs = least_eigenpairs(system, state, 1, unit_mass=True)
     except SolveFailed:
         return math.nan, 0.0
-    return float(pairs.values[0]), pairs.zero
+    least = float(pairs.values[0])
+    if least < -pairs.zero and not pairs.are_symmetric:
+        return math.nan, pairs.zero
+    return least, pairs.zero

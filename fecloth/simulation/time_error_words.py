@@ -1,4 +1,4 @@
-"""The error in time of a run in words: how large it is, and which step would give 1 %."""
+"""The error in time of a run in words: how large it is, and which step would give at most 1 %."""
 
 import math
 
@@ -34,7 +34,7 @@ def describe_time_error(most: float, estimate, method, dt: float, unknown: str =
         words += f" (a run with other steps is {estimate.whole:.2g} m away, at most)"
     if most >= LARGEST_STATED:
         return f"{words}; take {name_shorter_steps(method)}"
-    if not most > PROPOSED_ERROR:
+    if not most > 1.05 * PROPOSED_ERROR:  # a bound of 1 % in two digits needs no proposal
         return words
     order = 1 if estimate.kicked < math.inf else method.traits.order
     return words + _proposal(most, method, dt, order)
@@ -62,4 +62,4 @@ def _proposal(error: float, method, dt: float, order: int) -> str:
         proposed = f"rtol = {factor * method.rtol:.2g}"
     else:
         proposed = f"atol = {factor * method.atol:.2g} m/s"
-    return f"; {proposed} would give 1 %"
+    return f"; {proposed} would give at most 1 %"

@@ -25,8 +25,6 @@ from fecloth.system.system import System
 
 # The unbalanced forces over all forces: up to it a state counts as an equilibrium.
 EQUILIBRIUM_FORCES = 0.01
-# The asymmetry of K over K: up to it no frequency changes visibly.
-SYMMETRIC_STIFFNESS = 1e-6
 SHOWN_DISPLACEMENT = 0.1  # largest displacement of a mode in the files over the cloth's extent
 
 
@@ -129,8 +127,9 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     converge with h² on P2, too, as its edges are straight; those of `Cloth.disk` are curved. One
     vector of a set with equal frequencies is as good as another.
 
-    A tangent that is not symmetric, of `Pressure`, `Drag`, `Wind` or `UserForce` with
-    ``tangent = "exact"``, counts with its symmetric part, with a warning: flutter is not found.
+    A tangent that is not symmetric, of `EdgeForce` with ``follow = True``, or of `Pressure`,
+    `Drag`, `Wind` or `UserForce` with ``tangent = "exact"``, counts with its symmetric part, with
+    a warning: flutter is not found, and whether the state is unstable is not known.
 
     Source: Ericsson and Ruhe (1980), The spectral transformation Lanczos method; the iteration
     is ARPACK's (Lehoucq, Sorensen and Yang 1998), by SciPy's `eigsh`.
@@ -252,14 +251,14 @@ def _find_doubts(pairs: Eigenpairs, unbalanced: float) -> Iterator[Doubt]:
             "in a scene"
         )
         yield Doubt(DoubtKind.BALANCE, words, remedy)
-    if pairs.values[0] < -pairs.zero:
+    if pairs.is_unstable:
         rate = math.sqrt(-pairs.values[0])
         words = (
             f"the state is unstable: ω² = {pairs.values[0]:.3g} 1/s² < 0, so that a disturbance "
             f"grows by the factor e in {1 / rate:.3g} s; unstable modes have negative frequencies"
         )
         yield Doubt(DoubtKind.INSTABILITY, words)
-    if pairs.asymmetry > SYMMETRIC_STIFFNESS:
+    if not pairs.are_symmetric:
         words = (
             f"the stiffness is not symmetric (by {pairs.asymmetry:.1g} of its size): the modes are "
             "modes of its symmetric part, and flutter is not found"

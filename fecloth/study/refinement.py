@@ -28,6 +28,9 @@ from fecloth.study.states import find_states, run_other_starts
 from fecloth.study.status import OK
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
 
+# What usually makes an order in h smaller than the theory.
+CAUSES = ", as at corners, at the ends of pins, and at round borders of straight edges"
+
 
 def refine_problem(
     problem: StudyProblem,
@@ -176,7 +179,7 @@ def summarise(
         obstacles=obstacles,
         size=abs(values[-1]),
         doubt=next((doubt for doubt in doubts if doubt.kind is DoubtKind.WRINKLES), None),
-        usual_cause="" if refine == "dt" else ", as at clamped corners",
+        usual_cause="" if refine == "dt" else CAUSES,
     )
     states = find_states(quantity, rows, starts, limit.uncertainty)
     is_known = has_limit and not states.is_unknown

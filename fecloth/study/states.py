@@ -1,6 +1,7 @@
 """Equilibria that have several states: other starts, and levels of different states."""
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -8,6 +9,7 @@ from operator import itemgetter
 
 import numpy as np
 
+from fecloth.errors import amount
 from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import difference_of, is_number, size_of, value_of
@@ -77,8 +79,13 @@ def run_other_starts(
     costs = [unit * row["problem"].work.seconds for row in levels]  # from their own start
     level = max([k for k, cost in enumerate(costs) if cost <= allowed], default=0)
     problem = levels[level]["problem"]
+    ways = ways_of_laying(problem.first, levels[level]["folds"])[:MOST_OTHER_STARTS]
+    if not how.quiet:
+        starts = amount(len(ways), "other start")
+        words = f"the cloth may have other states: up to {starts}, about {costs[level]:.2g} s each"
+        print(words, file=sys.stderr, flush=True)
     rows = list[Row]()
-    for way in ways_of_laying(problem.first, levels[level]["folds"])[:MOST_OTHER_STARTS]:
+    for way in ways:
         taken = sum(row.get("case_seconds", 0.0) for row in rows)
         if rows and taken * (1 + 1 / len(rows)) > allowed:
             break

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Self
+from typing import Annotated, Self, cast
 
 import numpy as np
 
@@ -154,7 +154,8 @@ class Pin:
     rotate
         `Rotation` that turns the nodes, and the normals of a clamp.
     without
-        Nodes that the pin leaves out, as of `where`: ``Pin("left", without="top")``.
+        Nodes that the pin leaves out, as of `where`: ``Pin("left", without="top")``; or a list
+        of node sets, ``Pin("top", without=["left", "right"])``.
     until
         Time [s] at which the pin lets go: its nodes go on with the velocity that they have. A
         step ends there, and the method begins anew, as after a start. None: it holds for ever.
@@ -174,7 +175,7 @@ class Pin:
     name: str | None = None
     clamp: bool = False
     rotate: Rotation | None = None
-    without: Where | None = field(default=None, kw_only=True)
+    without: Where | list[str] | None = field(default=None, kw_only=True)
     until: Annotated[float | None, TIME] = field(default=None, kw_only=True)
 
     def __post_init__(self):
@@ -208,11 +209,18 @@ class Pin:
         nodes = cloth.nodes(self.where)
         if self.without is None:
             return nodes
-        left = nodes[~np.isin(nodes, cloth.nodes(self.without))]
+        left = nodes[~np.isin(nodes, self._left_out(cloth, self.without))]
         if not len(left):
             what = f"without = {brief(self.without)} leaves no node"
             raise InputError(what, "at least one is needed", self._label)
         return left
+
+    @staticmethod
+    def _left_out(cloth: Cloth, without: Where | list[str]) -> np.ndarray:
+        """Return the nodes (k,) that `without` names."""
+        if isinstance(without, list) and without and isinstance(without[0], str):
+            return np.concatenate([cloth.nodes(name) for name in without])
+        return cloth.nodes(cast(Where, without))
 
     def agrees_with(self, other: "Pin") -> bool:
         """Return whether both may hold one node: in the same directions, and moved alike.

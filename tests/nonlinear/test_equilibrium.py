@@ -12,8 +12,10 @@ from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.errors import InputError
+from fecloth.nonlinear.eigenpairs import least_eigenpairs, least_stiffness
 from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.rest_stability import RestStability
 from fecloth.verify import observed_order
 from studies.references.closed_forms import hanging_strip, hanging_strip_mean
 
@@ -405,6 +407,23 @@ def compressed_strip():
     fabric = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-4)
     system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending()], ["left", "right"])
     return system, system.rest().x * [0.98, 1, 1]
+
+
+def test_under_a_following_load_a_negative_symmetric_part_is_not_called_unstable():
+    """K of a pulled sheet that can turn about its pins is not symmetric; the motion is stable."""
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.08)
+    fabric = fc.Fabric(0.2, 200.0, 0.3, bending_rigidity=1e-5)
+    pull = fc.EdgeForce("right", normal=20.0, tangent=1.0, follow=True)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending(), pull], ["left"])
+    state = fc.equilibrium(system, system.rest(), load_steps=4)
+    least, zero = least_stiffness(system, state)
+    assert np.isnan(least)
+    pairs = least_eigenpairs(system, state, 1, unit_mass=True)
+    assert pairs.values[0] < -zero
+    assert not pairs.are_symmetric
+    assert not pairs.is_unstable
+    words = RestStability.of(system, state, 4).words()
+    assert "not known whether it is stable" in words
 
 
 def test_an_unstable_equilibrium_warns_and_bending_the_start_finds_a_stable_one():

@@ -43,7 +43,7 @@ def test_a_resolved_run_says_its_error_and_the_step_for_one_per_cent(run):
     words = summary["time_error_in_words"]
     assert 0.01 < summary["time_error"] < 0.1
     assert "of the motion (at most" in words
-    assert "would give 1 %" in words
+    assert "would give at most 1 %" in words
     assert words in log
     assert words in finished_message(outcome)
     assert words.split(";")[0].removeprefix("error in time ") in page

@@ -62,6 +62,15 @@ def test_pins_that_differ_may_not_meet(other, small):
     assert len(kept.nodes) == len(apart.nodes)
 
 
+def test_a_pin_may_leave_out_several_sets(small):
+    pins = ["left", "right", fc.Pin("top", ("0", "0", "t"), without=["left", "right"])]
+    top = Constraints.bind(pins, small).groups["top"][1]
+    sides = np.union1d(small.nodes("left"), small.nodes("right"))
+    assert np.array_equal(np.sort(top), np.setdiff1d(small.nodes("top"), sides))
+    with pytest.raises(fc.InputError, match="node set 'side'"):
+        fc.Pin("top", without=["left", "side"]).nodes(small)
+
+
 def test_rows_of_a_motion_are_of_the_nodes_that_are_left(small):
     left = np.setdiff1d(small.nodes("left"), small.nodes("bottom"))
     rows = lambda t: np.outer(np.arange(len(left)), [0.0, 0.0, t])  # noqa: E731
