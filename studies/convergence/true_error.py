@@ -9,7 +9,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth.mesh.recovery import CONSTANT
-from fecloth.terms.kinematics import energy_of_gap, voigt_matrix
+from fecloth.terms.strain_errors import energy_of_gap, voigt_matrix
 
 Field = Callable[[np.ndarray], np.ndarray]
 

@@ -15,9 +15,9 @@ from fecloth.terms.bending.dihedral_angle import fold_measure
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.bending.plate_stiffness import panel_curvatures
-from fecloth.terms.kinematics import plate_error
 from fecloth.terms.loops.array_updates import clear, scale, subtract
 from fecloth.terms.protocol import At, BoundTerm, taken_from
+from fecloth.terms.strain_errors import plate_error
 from fecloth.terms.traits import BENDING, BOTH
 
 

@@ -19,9 +19,9 @@ from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.terms.custom.finite_differences import WEIGHTS, WRONG_DERIVATIVE
-from fecloth.terms.kinematics import VOIGT
 from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.protocol import element_nodes
+from fecloth.terms.strain_errors import VOIGT
 from fecloth.terms.traits import MEMBRANE
 
 

@@ -41,12 +41,13 @@ from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import CONSTANT, QUADRATIC, Samples
 from fecloth.terms.discrete_gradient import OverMean
-from fecloth.terms.kinematics import deformation_gradient, green_strains, membrane_error
+from fecloth.terms.kinematics import deformation_gradient, green_strains
 from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part, cut
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
+from fecloth.terms.strain_errors import membrane_error
 
 GRADIENTS_OF_UNIT = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # of its corners, (0, 0) first
 
