@@ -34,7 +34,6 @@ ORDERS = {
     "P1": {"L2": (2, 0.1), "H1": (1, 0.1), "energy": (2, 0.2), "frequency": (2, 0.1)},
     "P2": {"L2": (3, 0.15), "H1": (2, 0.1), "energy": (4, 0.3), "frequency": (4, 0.15)},
 }
-DISK = (2, 0.1)  # also for P2, because its edges are straight
 IN_MOTION = (3, 0.3)  # of P2's energy: dt ∝ h^1.5, and its error ∝ dt²
 TIME = 0.15
 TITLE = "Order of convergence"
@@ -101,8 +100,6 @@ def families(rows: Rows, *keys: str) -> Rows:
 
 def expected(problem: str, element: str, norm: str) -> tuple[float, float]:
     """Return the theoretical order and the tolerance of the observed one."""
-    if problem == "disk":
-        return DISK
     return (
         IN_MOTION
         if (problem, element, norm) == ("dynamic", "P2", "energy")

@@ -128,7 +128,7 @@ def frequency(cloth: fc.Cloth, n: int) -> dict:
 
 
 def disk(cloth: fc.Cloth, n: int) -> dict:
-    """Return the relative error of ω = j/a √(S/ρ), j Bessel's first zero, on a polygonal disk."""
+    """Return the relative error of ω = j/a √(S/ρ), j Bessel's first zero, of a taut disk."""
     return {"frequency": abs(lowest_wave_number(cloth) / jn_zeros(0, 1)[0] - 1)}
 
 
