@@ -104,8 +104,11 @@ class Element:
     @cached_property
     def slopes(self) -> np.ndarray:
         """(q, 2, k) derivatives of N_a by ξ and η, at the points of the rule."""
+        return self.slopes_at(self.rule[0])
+
+    def slopes_at(self, points: np.ndarray) -> np.ndarray:
+        """(p, 2, k) derivatives of N_a by ξ and η, at points (2, p) of the unit triangle."""
         k = len(self.reference_mass)
-        points = self.rule[0]
         slopes = [self.shapes.lbasis(points, a)[1] for a in range(k)]
         return np.stack([s + 0 * points for s in slopes], axis=-1).swapaxes(0, 1)
 

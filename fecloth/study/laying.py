@@ -43,9 +43,8 @@ def ways_of_laying(setup: Setup, folds: float | None) -> list[str]:
     act at once.
     """
     has_steps = isinstance(setup.steps, LoadSteps)
-    ways = ["flat 1", "flat 2"]
-    if has_steps:
-        ways.insert(0, "in more steps")
+    ways = ["in more steps"] if has_steps else []
+    ways += ["flat 1", "flat 2"]
     if is_round(setup.cloth):
         near = sorted(FOLDS, key=lambda waves: abs(waves - (folds or USUAL_FOLDS)))
         fewer_and_more = [waves for waves in near if waves != folds][:3]

@@ -36,6 +36,7 @@ import numpy as np
 from fecloth import validation
 from fecloth.compiled.jit import Array, inner
 from fecloth.fabric.panel import Panel
+from fecloth.mesh.elements import ELEMENTS
 from fecloth.mesh.recovery import LINEAR, Samples
 from fecloth.terms.loops.green_strain import Six, Three
 
@@ -168,10 +169,9 @@ def _along_grain(panel: Panel) -> np.ndarray:
 def _on_unit_triangle() -> tuple[np.ndarray, ...]:
     """Return the slopes, gradients, samples (3, 3, 9) and forms (3, 3, 6, 6) of E there."""
     ends = np.repeat(EDGES, 2, axis=0)
+    along = np.tile(GAUSS, len(EDGES))
     points = np.zeros((6, 3))  # the Gauss points of the edges
-    points[np.arange(6)[:, None], ends] = np.column_stack(
-        [1 - np.tile(GAUSS, 3), np.tile(GAUSS, 3)]
-    )
+    points[np.arange(6)[:, None], ends] = np.column_stack([1 - along, along])
     t = UNIT_CORNERS[ends[:, 1]] - UNIT_CORNERS[ends[:, 0]]
     slopes = np.einsum("sai,si->sa", _gradients(points), t)
     gradients = _gradients(INTERIOR)
@@ -192,11 +192,7 @@ def _covariant(K: np.ndarray) -> np.ndarray:
 
 def _gradients(points: np.ndarray) -> np.ndarray:
     """(p, 6, 2) gradients ∂N_a/∂ξ of the shape functions at barycentric points (p, 3)."""
-    g = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # of the barycentric coordinates
-    corners = (4 * points - 1)[:, :, None] * g
-    i, j = EDGES.T
-    middle = points[:, i, None] * g[j] + points[:, j, None] * g[i]
-    return np.concatenate([corners, 4 * middle], axis=1)
+    return ELEMENTS["P2"].slopes_at(points[:, 1:].T).swapaxes(1, 2)
 
 
 def _strain_forms(G: np.ndarray) -> np.ndarray:
