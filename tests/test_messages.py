@@ -285,7 +285,7 @@ SYSTEM = [
         lambda: system(pins=["left", fc.Pin("top", ["0", "0", "t"], name="grip")]),
         "pins 'left' and 'grip' both hold node .* without = \"left\" in the pin 'grip'",
     ),
-    (lambda: system(pins=[fc.Pin("left", without="boundary")]), "leaves no node"),
+    (lambda: system(pins=[fc.Pin("left", without="boundary")]), "no node is left by without"),
     (lambda: system(pins=[fc.Pin("left", without="tpo")]), "node set 'tpo'.* Did you mean 'top'"),
     (lambda: system(mass="diagonal"), "mass = 'diagonal'"),
     (lambda: system().state(system().rest().x, t=NAN), r"t = nan: must be finite"),

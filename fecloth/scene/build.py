@@ -184,6 +184,8 @@ def _make_pin(
     """
     key = "inside" if table.where is None else "where"
     with errors_of_key(f"pins.{number}.{key}"):
+        cloth.nodes(table.pin.where)
+    with errors_of_key(f"pins.{number}.without"):
         X = cloth.X[table.pin.nodes(cloth)]
     with errors_of_key(f"pins.{number}"):
         _check_release(table.until, time)

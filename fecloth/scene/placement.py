@@ -161,7 +161,7 @@ class PinTable(Table):
     """Hold also the normal of the cloth along the edges of the boundary that the pin covers."""
     rotate: RotationTable | None = None
     """Turn the nodes, and the normals of a clamp: a table, see below."""
-    without: str | list[str] | None = None
+    without: str | tuple[str, ...] | None = None
     """A node set of the mesh whose nodes the pin leaves out, or a list of node sets."""
     until: Annotated[float | None, TIME] = None
     """The time at which the pin lets go [s]. Left out: it holds for ever."""

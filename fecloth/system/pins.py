@@ -175,7 +175,7 @@ class Pin:
     name: str | None = None
     clamp: bool = False
     rotate: Rotation | None = None
-    without: Where | list[str] | None = field(default=None, kw_only=True)
+    without: Where | Sequence[str] | None = field(default=None, kw_only=True)
     until: Annotated[float | None, TIME] = field(default=None, kw_only=True)
 
     def __post_init__(self):
@@ -211,15 +211,15 @@ class Pin:
             return nodes
         left = nodes[~np.isin(nodes, self._left_out(cloth, self.without))]
         if not len(left):
-            what = f"without = {brief(self.without)} leaves no node"
+            what = f"no node is left by without = {brief(self.without)}"
             raise InputError(what, "at least one is needed", self._label)
         return left
 
     @staticmethod
-    def _left_out(cloth: Cloth, without: Where | list[str]) -> np.ndarray:
+    def _left_out(cloth: Cloth, without: Where | Sequence[str]) -> np.ndarray:
         """Return the nodes (k,) that `without` names."""
-        if isinstance(without, list) and without and isinstance(without[0], str):
-            return np.concatenate([cloth.nodes(name) for name in without])
+        if isinstance(without, list | tuple) and without and isinstance(without[0], str):
+            return np.concatenate([cloth.nodes(cast(str, name)) for name in without])
         return cloth.nodes(cast(Where, without))
 
     def agrees_with(self, other: "Pin") -> bool:

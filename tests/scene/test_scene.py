@@ -422,7 +422,9 @@ MISTAKES = [
         "pins: pins 'left' and 'corner' both hold node 0 at (",
         'without = "left" in the pin \'corner\'.',
     ),
-    ("pins.0.without='rigt'", "pins.0.where: node set 'rigt'", "mean 'right'?"),
+    ("pins.0.without='rigt'", "pins.0.without: node set 'rigt'", "mean 'right'?"),
+    ("pins.0.without=['top', 'rigt']", "pins.0.without: node set 'rigt'", "mean 'right'?"),
+    ("pins.0.without=['top', 'left']", "pins.0.without: no node is left by without = ", "at least one"),
     ("pins.0.until=0", "pins.0.until = 0: must be after the start", "Leave the pin out"),
     ("start.velocity=['1/X', '0', '0']", "start.velocity: formula '1/X' is inf at X = 0", ""),
     # files
