@@ -424,7 +424,7 @@ MISTAKES = [
     ),
     ("pins.0.without='rigt'", "pins.0.without: node set 'rigt'", "mean 'right'?"),
     ("pins.0.without=['top', 'rigt']", "pins.0.without: node set 'rigt'", "mean 'right'?"),
-    ("pins.0.without=['top', 'left']", "pins.0.without: no node is left by without = ", "at least one"),
+    ("pins.0.without=['top', 'left']", "pins.0.without: no node is left", "at least one"),
     ("pins.0.until=0", "pins.0.until = 0: must be after the start", "Leave the pin out"),
     ("start.velocity=['1/X', '0', '0']", "start.velocity: formula '1/X' is inf at X = 0", ""),
     # files

@@ -13,6 +13,7 @@ from fecloth.simulation.quantity import parse_quantity
 from fecloth.study import states
 from fecloth.study.laying import describe_state, lay, ways_of_laying
 from fecloth.study.problem import StudyProblem
+from fecloth.study.runs import Runs
 from fecloth.study.states import find_states, may_have_others, run_other_starts
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -150,6 +151,17 @@ def test_a_round_cloth_is_laid_in_waves_and_its_pins_hold():
     assert describe_state(setup, setup.start.x) == {"folds": 0.0, "compressed": 0.0}
     squeezed = setup.start.x * [0.99, 0.99, 1.0]
     assert describe_state(setup, squeezed)["compressed"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_other_starts_are_announced_with_what_they_may_take(quiet, monkeypatch, capsys):
+    problem = SimpleNamespace(work=SimpleNamespace(seconds=2.0), first=None)
+    level = row(0.5, case_seconds=3.0, problem=problem)
+    monkeypatch.setattr(states, "ways_of_laying", lambda setup, folds: ["flat 1", "flat 2"])
+    monkeypatch.setattr(states, "run_quantities", lambda runs, *how: [row(0.5, case_seconds=3.0)])
+    assert len(run_other_starts([level], [SAG], Runs(quiet=quiet))) == 2
+    told = capsys.readouterr().err
+    assert ("up to 2 other starts, about 3 s each" in told) != quiet
 
 
 def test_an_equilibrium_is_looked_for_in_twice_as_many_load_steps_too():
