@@ -435,7 +435,10 @@ METHODS = [
     (lambda: equilibrium(load_steps=2.5), "load_steps = 2.5: must be an integer >= 1"),
     (lambda: modes(count=0), r"modes: count = 0: must be an integer from 1 to \d+"),
     (lambda: modes(pins=[fc.Pin(lambda X: X[:, 0] > -1)]), "of 0 free degrees of freedom: must"),
-    (lambda: equilibrium(solver="pcg"), "solver = 'pcg': must be direct, pardiso or superlu"),
+    (
+        lambda: equilibrium(solver="pcg"),
+        "solver = 'pcg': must be direct, pardiso, rslab or superlu",
+    ),
 ]
 
 test_fabrics = message_test(FABRIC)

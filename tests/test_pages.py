@@ -29,7 +29,7 @@ STUDIES = sorted({STUDY.search(c)[1] for c in COMMANDS if STUDY.search(c)})
 OURS = [c for c in COMMANDS if re.match(r"(\.venv/bin/)?fecloth \w+ \S", c)]
 # a command's name
 BARE = re.compile(
-    r"fecloth (run|view|render|export|check|mesh|info|converge|compare|chart|front|stability"
+    r"fecloth (demo|run|view|render|export|check|mesh|info|converge|compare|chart|front|stability"
     r"|simplify|tune|sweep|sensitivity|budget|fit|modes|new|bench|--version)"
 )
 SCENE = ["cloth", "fabric", "terms", "time"]  # what a block needs to be a scene; else a fragment
@@ -41,6 +41,7 @@ FILLED |= {
     "render FILE": "swing.gif",
     "export FILE": "cloth.usda",
     "NAME": "Wind",
+    "demo NAME": "sag",
     "FABRIC": "interlock",
     "A.toml": "SCENE.toml",
     "B.toml": "SCENE.toml",
@@ -94,7 +95,7 @@ def blocks(language):
 def filled(command):
     """A command's words but the first, with the reader's own names filled in, and made short."""
     name, *given = words(command)[1:]
-    given = [FILLED.get(word, FILLED.get(f"{name} {word}", word)) for word in given]
+    given = [FILLED.get(f"{name} {word}", FILLED.get(word, word)) for word in given]
     if name in FRONTS:
         given = [word.replace("SCENE.toml", "FRONT.toml") for word in given]
     for scene in (word for word in given if word.endswith(".toml") and name not in ("mesh", "fit")):
@@ -102,6 +103,8 @@ def filled(command):
         given += [word for value in SHORTER[scene] for word in ("--set", value)]
     if name == "tune" and "--methods" not in given:
         given += ["--elements", "P1", "--methods", "bdf2", "--quantity", "tip.z"]
+    if name == "demo":
+        given += [word for v in SHORTER[f"studies/scenes/{given[0]}.toml"] for word in ("--set", v)]
     given += {"converge": ["--levels", "3"]}.get(name, [])
     given += ["--overwrite"] if name == "new" else []
     if "--resume" in given:  # a run that has come to its end goes on to a later one
@@ -112,7 +115,7 @@ def filled(command):
 def target(given):
     """Where a command with these words writes."""
     named = given[given.index("-o") + 1] if "-o" in given else ""
-    return Path(named or (f"out/{Path(given[1]).stem}" if given[0] == "run" else "."))
+    return Path(named or (f"out/{Path(given[1]).stem}" if given[0] in ("demo", "run") else "."))
 
 
 # --- a clone, as far as a reader uses it ----------------------------------------------------------

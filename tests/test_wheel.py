@@ -23,11 +23,12 @@ def installed(tmp_path_factory):
     build = [sys.executable, "-m", "build", str(ROOT), "--outdir", str(folder / "dist")]
     subprocess.run(build, check=True, capture_output=True, timeout=300)
     (wheel,) = (folder / "dist").glob("*.whl")
+    assert wheel.stat().st_size < 1.5e6
     venv.create(folder / "env", with_pip=False)
     paths = sysconfig.get_paths(vars={"base": str(folder / "env"), "platbase": str(folder / "env")})
     packages, scripts = Path(paths["purelib"]), Path(paths["scripts"])
-    pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", str(packages)]
-    subprocess.run([*pip, str(wheel)], check=True, timeout=300)
+    pip = [sys.executable, "-m", "pip", "--python", str(folder / "env"), "install", "-q"]
+    subprocess.run([*pip, "--no-deps", str(wheel)], check=True, timeout=300)
     # the new environment takes the dependencies from this environment: nothing is downloaded
     (packages / "others.pth").write_text(sysconfig.get_paths()["purelib"], encoding="utf-8")
     (folder / "work").mkdir()
@@ -42,7 +43,7 @@ def installed(tmp_path_factory):
         assert answer.returncode == 0, answer.stderr
         return answer.stdout
 
-    call.packages, call.folder = packages, folder / "work"
+    call.packages, call.folder, call.prefix = packages, folder / "work", folder / "env"
     return call
 
 
@@ -65,6 +66,17 @@ def test_the_wheel_makes_a_scene_a_run_pictures_and_a_study(installed):
     assert "interlock" in installed("info", "--fabrics")
     made = {path.name for path in (installed.folder / "out/pennant").iterdir()}
     assert {"report.html", "view.html", "run.pvd"} <= made
+
+
+@pytest.mark.stories
+def test_the_wheel_has_the_scenes_of_the_gallery(installed):
+    scenes = sorted(file.stem for file in (ROOT / "studies" / "scenes").glob("*.toml"))
+    *lines, _ = installed("demo").splitlines()
+    assert [line.split()[0] for line in lines] == scenes
+    installed("demo", "flag", "--quiet", "--set", "cloth.h=0.2", "--set", "time.t_end=0.01")
+    assert (installed.folder / "out" / "flag" / "run.pvd").exists()
+    packed = [f for f in installed.prefix.rglob("share/fecloth/**/*") if f.is_file()]
+    assert 0 < sum(file.stat().st_size for file in packed) < 300e3
 
 
 def test_the_version_is_said_once():

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fecloth import errors
-from fecloth.cli.options import Reading, RunFolder, SceneFile, Threads
+from fecloth.cli.options import Output, Overwrite, Reading, RunFolder, SceneFile, Threads
 from fecloth.runs.interruption import set_handler
 
 # Signals are handled before NumPy is imported: each command imports what it needs when it runs.
@@ -22,8 +22,8 @@ def run(
     scene: SceneFile,
     *,
     reading: Reading,
-    output: Annotated[str | None, "folder to write (default: out/SCENE)", "DIR", "-o"] = None,
-    overwrite: Annotated[bool, "replace the run in that folder"] = False,
+    output: Output = None,
+    overwrite: Overwrite = False,
     resume: Annotated[str | None, "go on with the run in that folder", "DIR"] = None,
     threads: Threads = None,
     verbose: Annotated[

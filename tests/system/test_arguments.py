@@ -98,7 +98,7 @@ MISTAKES = [
     ),
     (
         lambda: marched(solver=3),
-        "solver = 3: must be one of auto, direct, pardiso, superlu, pcg, mult",
+        "solver = 3: must be one of auto, direct, pardiso, rslab, superlu, pcg, mult",
     ),
     (lambda: marched(method=fc.EnergyMomentum("exact"), solver="pcg"), 'tangent = "symmetric"'),
     (lambda: marched(method=fc.CentralDifference(), dt="auto"), "'auto'.*Leave it out for the lar"),

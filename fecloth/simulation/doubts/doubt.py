@@ -32,6 +32,8 @@ class DoubtKind(Enum):
         A constant that was given has no effect.
     PINS
         A pin holds or moves less than was probably meant, or nothing is held.
+    SPEED
+        The run takes longer than it would with a package that can be installed.
     START
         The start does not fit the pins, or leaves the cloth in its plane.
     MESH
@@ -79,6 +81,7 @@ class DoubtKind(Enum):
     NO_EFFECT = "no_effect", CHECK
     PINS = "pins", CHECK
     STEP = "step", CHECK
+    SPEED = "speed", CHECK
     START = "start", NOTE
     MESH = "mesh", NOTE
     EDGES = "edges", NOTE
