@@ -42,6 +42,7 @@ FILLED |= {
     "export FILE": "cloth.usda",
     "NAME": "Wind",
     "demo NAME": "sag",
+    "demo DIR": "out/demo",
     "FABRIC": "interlock",
     "A.toml": "SCENE.toml",
     "B.toml": "SCENE.toml",
@@ -227,7 +228,7 @@ def distinct(commands):
 def test_commands_run(command, clone, monkeypatch):
     monkeypatch.setattr("fecloth.study.measured_runs.LONG_ENOUGH", 0.0)  # each is run once
     given = filled(command)
-    if given[0] == "run" and "--resume" not in given:
+    if given[0] in ("demo", "run") and "--resume" not in given:
         shutil.rmtree(target(given), ignore_errors=True)
     assert cli.main(given) == 0
     assert target(given).exists()

@@ -28,11 +28,11 @@ def installed(tmp_path_factory):
     paths = sysconfig.get_paths(vars={"base": str(folder / "env"), "platbase": str(folder / "env")})
     packages, scripts = Path(paths["purelib"]), Path(paths["scripts"])
     pip = [sys.executable, "-m", "pip", "--python", str(folder / "env"), "install", "-q"]
-    subprocess.run([*pip, "--no-deps", str(wheel)], check=True, timeout=300)
+    outside = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    subprocess.run([*pip, "--no-deps", str(wheel)], check=True, timeout=300, env=outside)
     # the new environment takes the dependencies from this environment: nothing is downloaded
     (packages / "others.pth").write_text(sysconfig.get_paths()["purelib"], encoding="utf-8")
     (folder / "work").mkdir()
-    outside = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
 
     def call(*command: str) -> str:
         python = scripts / Path(sys.executable).name
