@@ -40,7 +40,7 @@ class SewnNodes(Followers):
         return np.flatnonzero(self.T.diagonal() == 0).astype(np.int64)
 
     @property
-    def closes(self) -> bool:  # type: ignore[override]
+    def closes(self) -> bool:  # type: ignore[override]  # a constant of the base class
         return self.left is not None
 
     @cached_property
