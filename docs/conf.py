@@ -31,7 +31,7 @@ templates_path, html_static_path = ["_templates"], ["_static"]
 html_theme, html_title = "pydata_sphinx_theme", f"fecloth {version}"
 html_theme_options = {
     "navbar_start": ["navbar-logo", "version.html"],
-    "navbar_center": ["navbar-nav"],
+    "navbar_align": "left",
     "navbar_persistent": ["search-button-field"],
     "navbar_end": ["theme-switcher"],
     "secondary_sidebar_items": ["page-toc"],

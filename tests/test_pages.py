@@ -55,6 +55,7 @@ ELSEWHERE = (  # commands that continuous integration runs, and those that need 
     ".venv/bin/pip install",
     ".venv/bin/pre-commit install",
     *("python -m build", "twine upload", "pip install shtab", "pip install 'fecloth["),
+    *(". .venv/bin/activate", "pip install '.["),
     ".venv/bin/python -m pytest -q",
     "pytest",
     "python tests/support/key_reference.py",  # see tests/scene/test_key_reference.py
