@@ -93,8 +93,9 @@ class Uncertainty:
     def standard(self, fabric: Any) -> dict[str, float]:
         """Return the standard uncertainty, in SI, of each number of a `Fabric` that has one.
 
-        Numbers whose uncertainty is unknown are left out. They are by the keys of `numbers_of`, in its order. Raises `InputError` for a key without
-        a number in the fabric, or a percentage of 0.
+        Numbers whose uncertainty is unknown are left out. They are by the keys of `numbers_of`,
+        in its order. Raises `InputError` for a key without a number in the fabric, or a
+        percentage of 0.
         """
         numbers = numbers_of(vars(fabric))
         deviations: dict[str, float] = {}
@@ -207,7 +208,9 @@ def _deviation(key: str, value: Any) -> float | str:
         number = quantity(key, value, dimension, ', or a part such as "10 %"')
     if not (is_number(number) and number >= 0):
         unit = f" [{dimension.si}]" if dimension else ""
-        allowed = f'must be a standard uncertainty >= 0{unit}, or a part such as "10 %", or "unknown"'
+        allowed = (
+            f'must be a standard uncertainty >= 0{unit}, or a part such as "10 %", or "unknown"'
+        )
         raise InputError(f"{key} = {brief(value)}", allowed, WHERE)
     return float(number)
 

@@ -126,7 +126,13 @@ def _check_uncertain(table: dict | None) -> dict | None:
     return uncertainty.table()
 
 
-_KEYS = [*CONSTANTS, *(f"{key}.{i}" for key in PAIRS for i in "01"), "correlation", "source", *OF_CURVES]
+_KEYS = [
+    *CONSTANTS,
+    *(f"{key}.{i}" for key in PAIRS for i in "01"),
+    "correlation",
+    "source",
+    *OF_CURVES,
+]
 _SCHEMA = {
     "type": "object",
     "properties": {key: {} for key in _KEYS},

@@ -157,10 +157,11 @@ def make_budget(
     """Return the result of `budget`, with its total, its verdict and its table.
 
     `values_and_parts` are arrays (quantities,) or numbers by name: "value", and the standard
-    uncertainties of `WORDS` without "data"; a part that is left out is 0. `measured` has a measured value and its uncertainty
-    by the text of a quantity. `parameters` are the names of the uncertain numbers, and `shares`
-    (quantities, parameters) their parts of input²; empty if they are not known. If `is_single`,
-    the result has numbers in place of arrays. `unknown` and `exact` are as in `Budget`.
+    uncertainties of `WORDS` without "data"; a part that is left out is 0. `measured` has a
+    measured value and its uncertainty by the text of a quantity. `parameters` are the names of
+    the uncertain numbers, and `shares` (quantities, parameters) their parts of input²; empty if
+    they are not known. If `is_single`, the result has numbers in place of arrays. `unknown` and
+    `exact` are as in `Budget`.
     """
     D, data = np.array([measured.get(q.text, (np.nan, 0.0)) for q in quantities]).T
     columns: dict[str, Any] = {}
