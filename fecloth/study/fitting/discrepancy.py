@@ -19,6 +19,7 @@ as much as v says: the mean of a²/v is 1.
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -31,6 +32,7 @@ from fecloth.study.fitting.statistics import (
     covariance_of_points,
     pseudo_inverse,
 )
+from fecloth.study.problem import StudyProblem
 
 LARGEST_LAW = 10.0  # of κ, where a curve would be off by a factor exp(10)
 # A law that is off by κ changes a prediction by less than this part of κ: it has no say in it.
@@ -117,12 +119,20 @@ def read_curve(column: Column) -> Curve | None:
     return Curve(
         column=column,
         shape=rest,
-        direction=(repr(column.specimen.problem.case()), points.column),
+        direction=(_identity(column.specimen.problem), points.column),
         x=x,
         weights=weights,
         amplitudes=amplitudes,
         slopes=weights @ column.jacobian,
     )
+
+
+def _identity(problem: StudyProblem) -> str:
+    """Return a text that is the same for the same scene, or for one function and arguments."""
+    source: Any = problem.source
+    if source.fabrics:
+        return repr(source.tables)
+    return repr((source.function, source.arguments))
 
 
 @dataclass(frozen=True, eq=False)
