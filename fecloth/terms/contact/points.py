@@ -8,7 +8,6 @@ is divided into k² parts, and the corners of the parts are points too.
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -149,7 +148,8 @@ class TrianglePoints:
 Points = NodePoints | TrianglePoints
 
 
-class Contacts(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Contacts:
     """Points of one kind that an obstacle pushes.
 
     Attributes
@@ -164,6 +164,10 @@ class Contacts(NamedTuple):
         Distances (p,) of these over the gap.
     approach
         How these come nearer over the step.
+    shape
+        The shape of the obstacle.
+    t
+        The time [s].
     """
 
     points: Points
@@ -171,6 +175,17 @@ class Contacts(NamedTuple):
     y: np.ndarray
     s: np.ndarray
     approach: Approach
+    shape: Shape
+    t: float
+
+    @cached_property
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (p, 3) and Hessian (p, 3, 3) of the distance, in space."""
+        gradient, hessian = self.shape.slopes(self.y, self.t)
+        if self.shape.rotate is None:
+            return gradient, hessian
+        R = self.shape.pose(self.t).R
+        return gradient @ R.T, np.einsum("ij,pjk,lk->pil", R, hessian, R)
 
     @property
     def areas(self) -> np.ndarray:
