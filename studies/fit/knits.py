@@ -98,7 +98,7 @@ def fit_knit(knit: str, part: float, cells: int, steps: int) -> tuple[dict, fc.F
     answer = quietly(fc.fit, experiments, START, refined=steps == STEPS)
     row: dict = {"knit": knit, "up to": "the end" if math.isinf(part) else f"{100 * part:.0f} %"}
     for name, value in answer.values.items():
-        half = (answer.intervals[name][1] - answer.intervals[name][0]) / 2
+        half = (answer.intervals_of_data[name][1] - answer.intervals_of_data[name][0]) / 2
         row[name] = f"{value:.4g} ± {half:.2g}" if math.isfinite(half) else f"{value:.4g}"
     row["not told"] = ", ".join(sorted(set(answer.values) - set(answer.identified))) or "-"
     for line in answer.experiments:

@@ -56,9 +56,7 @@ def force(stiffness: float, extension: np.ndarray) -> np.ndarray:
     return stiffness * WIDTH * stretch * (stretch**2 - 1) / 2
 
 
-def measure(
-    name: str, strips: int, spread: float, rng: np.random.Generator
-) -> fc.Experiment:
+def measure(name: str, strips: int, spread: float, rng: np.random.Generator) -> fc.Experiment:
     """Strips of one direction, pulled and measured with noise."""
     extension = np.linspace(0, DRAWN * LENGTH, POINTS + 1)[1:]
     exact = force(TRUE[name], extension)
@@ -107,7 +105,9 @@ def summary(words: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     for name in TRUE:
         for kind in "", " (data)":
             of = "new" if not kind else "this"
-            line[f"{name}: {of} strip, covered"] = sum(row[f"{name}: covered{kind}"] for row in rows)
+            line[f"{name}: {of} strip, covered"] = sum(
+                row[f"{name}: covered{kind}"] for row in rows
+            )
             halves = [row[f"{name}: half %{kind}"] for row in rows]
             line[f"{name}: {of} strip, median half %"] = float(np.median(halves))
     return line
@@ -124,7 +124,9 @@ def find(lines: dict[str, dict[str, Any]], count: int) -> list[harness.Finding]:
         found += [
             harness.Finding(f"{name}: strips that are the same, covered", same[of_data], least),
             harness.Finding(f"{name}: three strips, covered", three[covered], least),
-            harness.Finding(f"{name}: one strip and specimens = 5 %, covered", stated[covered], least),
+            harness.Finding(
+                f"{name}: one strip and specimens = 5 %, covered", stated[covered], least
+            ),
             harness.Finding(
                 f"{name}: one strip, intervals of a new one",
                 count * math.isfinite(single[half]),

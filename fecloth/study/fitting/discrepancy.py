@@ -7,8 +7,8 @@ Computer Models, J. R. Statist. Soc. B 63, 425-464, equation 5.
 
 Let x = f/σ. A specimen whose curve k is larger by the factor 1 + ε moves the fitted unknowns by
 ε m_k with m_k = J⁺ x. The amplitude of a curve, ln(measured/computed) over all its points, is
-a = −z·r with z = x/(x·x); a change of u changes it by −A·u with A = z J. So a curve d that is
-predicted by the curves k with R_k specimens each is off by a variance
+a = ln(1 − z·r) with z = x/(x·x); a change of u changes it by −A·u with A = z J. So a curve d
+that is predicted by the curves k with R_k specimens each is off by a variance
 
     v = τ² (1/R_d + Σ_k w_k²/R_k) + κ² Σ_g (δ_gd − Σ_{k in g} w_k)² + noise,   w_k = A·m_k
 
@@ -37,6 +37,7 @@ from fecloth.study.problem import StudyProblem
 LARGEST_LAW = 10.0  # of κ, where a curve would be off by a factor exp(10)
 # A law that is off by κ changes a prediction by less than this part of κ: it has no say in it.
 NO_SHARE_OF_LAW = 1e-3
+LEAST_PART = -0.99  # of measured/computed − 1, where the signs are opposite
 LEAST_SIZE = 1e-6  # of a curve whose amplitude a slack does not hide, over its whole size
 
 
@@ -55,7 +56,7 @@ class Curve:
     x
         (n,) changes of the computed curve in units of σ.
     weights
-        (n,) z, so that the amplitude is −z·r. They do not see a slack of the specimen.
+        (n,) z, so that the amplitude is ln(1 − z·r). They do not see a slack of the specimen.
     amplitudes
         (R,) ln(measured/computed) of each specimen.
     slopes
@@ -101,20 +102,20 @@ def read_curve(column: Column) -> Curve | None:
     if not size > LEAST_SIZE**2 * (x @ x):
         return None
     weights = free_of_slack / size
-    amplitude = -float(weights @ column.residual)
-    shape = column.residual + amplitude * x
+    larger = -float(weights @ column.residual)  # measured/computed − 1
+    shape = column.residual + larger * x
     scatter = None
     if points.scatter is not None:
         own = points.scatter @ (weights / points.sigma)
-        amplitudes = amplitude + own
+        parts = larger + own
         scatter = points.scatter - np.outer(own, x * points.sigma)
     else:
         assert points.repeats is not None
         numbers, rows = np.unique(points.repeats, return_inverse=True)
         products = np.bincount(rows, -free_of_slack * column.residual)
-        amplitudes = products / np.bincount(rows, free_of_slack**2)
+        parts = products / np.bincount(rows, free_of_slack**2)
         if len(numbers) > 1:
-            shape = column.residual + amplitudes[rows] * x
+            shape = column.residual + parts[rows] * x
     rest = replace(column, residual=shape, points=replace(points, scatter=scatter))
     return Curve(
         column=column,
@@ -122,7 +123,7 @@ def read_curve(column: Column) -> Curve | None:
         direction=(_identity(column.specimen.problem), points.column),
         x=x,
         weights=weights,
-        amplitudes=amplitudes,
+        amplitudes=np.log1p(np.maximum(parts, LEAST_PART)),
         slopes=weights @ column.jacobian,
     )
 
