@@ -45,13 +45,15 @@ def strip(
     return cloth, system, LoadSteps(steps), system.state(system.rest().x - [0.0, width / 2, 0.0])
 
 
-def read(knit: str, direction: str, part: float) -> tuple[dict[str, list[float]], float, float]:
+def read(
+    knit: str, direction: str, part: float, yarn: str = "acrylic"
+) -> tuple[dict[str, list[float]], float, float]:
     """The columns of a specimen in SI, its length, and its width at the clamps.
 
     The distance across is halved, and each repeat begins at the mean of all. Where the clamps are
     closer than at first by the scatter of a picture, a row is left out.
     """
-    path = DATA / f"singal_2024_acrylic_{knit}_{direction}.csv"
+    path = DATA / f"singal_2024_{yarn}_{knit}_{direction}.csv"
     text = path.read_text(encoding="utf-8")
     match = re.search(r"width at the clamp ([\d.]+) mm", text)
     assert match

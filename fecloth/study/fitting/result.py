@@ -72,9 +72,9 @@ class Fit(StudyResult):
     specimens_and_law
         Root of the sum of the squares of both, where `specimens` alone is not known; else NaN.
     predictions
-        A table with a row for each column that was not fitted: the last value of its curve, the
-        95 % interval of a new specimen, and the value that all its points give. The interval is
-        NaN where the fitted data do not tell it.
+        A table with a row for each column that was not fitted: the first and last value of its
+        curve, the 95 % interval of the last one for a new specimen, and the last value that all
+        its points give. The interval is NaN where the fitted data do not tell it.
     offsets
         The slack of each experiment with an offset, by its name and in SI units.
     experiments
@@ -289,6 +289,7 @@ def _table_of_predictions(end: Evaluation, scale: Discrepancy | None) -> Table:
                 "experiment": column.label,
                 "column": column.points.column,
                 "unit": column.points.unit,
+                "start": start,
                 "predicted": start + change,
                 "from": ends[0],
                 "to": ends[1],

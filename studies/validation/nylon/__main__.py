@@ -83,13 +83,16 @@ class Strip:
         keys += QUICK if steps == FEW else ()
         return pages.scene_with(SCENE, keys, **({"fabric": fabric} if fabric else {}))
 
-    def experiment(self, steps: int, poisson: float, sigma: float) -> fc.Experiment:
+    def experiment(
+        self, steps: int, poisson: float, sigma: float, fitted: bool = True
+    ) -> fc.Experiment:
         """What `fc.fit` compares: force over extension, with a slack of its own."""
         data = {"extension [m]": self.extension.tolist(), "force [N]": self.force.tolist()}
         fabric = pages.scene_with(SCENE).to_tables()["fabric"] | {"poisson_ratio": poisson}
         return fc.Experiment(
             self.scene(None, steps, fabric), data, {"force": FORCE}, {"extension": "grip.x"},
             sigma=f"{100 * sigma:.6g} %", offset=True, name=f"{self.angle}°",
+            fitted=fitted,
         )  # fmt: skip
 
 
