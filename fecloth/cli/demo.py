@@ -8,7 +8,6 @@ from typing import Annotated
 import fecloth
 from fecloth.cli.options import Output, Overwrite, Reading
 from fecloth.cli.runs import run
-from fecloth.validation import known
 
 FOLDER = "studies/scenes"  # in a clone, and below share/fecloth of an installation
 
@@ -30,6 +29,8 @@ def demo(
             print(f"{each:18}{tomllib.loads(file.read_text(encoding='utf-8'))['title']}")
         print("next: fecloth demo flag")
         return 0
+    from fecloth.validation import known
+
     known(f"scene {name!r}", name, scenes, "demo")
     return run(str(scenes[name]), reading=reading, output=output, overwrite=overwrite)
 

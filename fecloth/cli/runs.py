@@ -105,7 +105,8 @@ def _run_scene(
         if watch:
             from fecloth.view.watch import watching
 
-            reports.append(stack.enter_context(watching(problem.system, problem.start)))
+            draw = stack.enter_context(watching(problem.system, problem.start))
+            reports.append(lambda info: draw(info.result.state))
 
     def report(info: "StepInfo") -> None:
         for each in reports:

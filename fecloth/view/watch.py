@@ -11,7 +11,6 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.output.frame_reader import straight
 from fecloth.output.obstacle_frames import find_obstacles
-from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.view.render import PAPER, add_obstacles, import_package
@@ -52,10 +51,10 @@ class Window:
         """Whether the user has not closed it."""
         return self._plotter.render_window is not None
 
-    def follow(self, info: StepInfo) -> None:
-        """Draw the state after a step, unless the last picture has just been drawn."""
+    def follow(self, state: State) -> None:
+        """Draw a state, unless the last picture has just been drawn."""
         if self.is_open and time.monotonic() - self._drawn_at >= PAUSE:
-            self._draw(info.result.state)
+            self._draw(state)
             self._plotter.update()
 
     def _draw(self, state: State) -> None:
@@ -74,8 +73,8 @@ class Window:
 
 
 @contextmanager
-def watching(system: System, start: State) -> Iterator[Callable[[StepInfo], None]]:
-    """Yield the function that a run calls after each step; the window closes after the block."""
+def watching(system: System, start: State) -> Iterator[Callable[[State], None]]:
+    """Yield the function that draws a state; the window closes after the block."""
     window = Window(system, start)
     try:
         yield window.follow

@@ -32,8 +32,8 @@ class Seen(watch.Window):
     def close(self):
         pictures.append(self._plotter.screenshot(return_img=True))
         pyvista.plotting.Plotter.close(self._plotter)
-    def follow(self, info):
-        super().follow(info)
+    def follow(self, state):
+        super().follow(state)
         pictures.append(self._plotter.screenshot(return_img=True))
 
 watch.Window = Seen
