@@ -1,5 +1,6 @@
 """What the calls of `tests/messages/calls.txt` may name."""
 
+import math as math
 from functools import cache
 
 import numpy as np
@@ -8,7 +9,10 @@ import fecloth as fc
 from fecloth.homogenisation import bending_tensor as bending_tensor
 from fecloth.homogenisation import strip_rigidity as strip_rigidity
 from fecloth.integrators.protocol import MethodTraits as MethodTraits
+from fecloth.simulation.resolve import solver_for as solver_for
 from fecloth.simulation.stability_limited import StabilityLimited as StabilityLimited
+from fecloth.stability import amplification as amplification
+from fecloth.stability import estimate as estimate
 from fecloth.system.constraints import Constraints as Constraints
 
 NAN, INF = float("nan"), float("inf")
@@ -61,3 +65,21 @@ def many_steps(*terms, dt=1e-4, steps=1, threads=1, **options):
 def motion_at(name, value):
     pin = fc.Pin("left", **({"motion": lambda t: np.zeros(3)} | {name: lambda t: value}))
     return pin.displacement(0.5) + pin.speed(0.5)
+
+
+# a system, its state, and a run of them
+CLOTH = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")
+FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=100.0)
+SYSTEM = fc.System(CLOTH, FABRIC, [fc.StVK(), fc.Gravity()], pins=["left"])
+START = SYSTEM.rest()
+OTHER = fc.Cloth.rectangle(0.6, 0.3, h=0.3, pattern="right")
+X, V = START.x, START.v
+BROKEN = X.copy()
+BROKEN[3, 1] = np.nan
+
+
+BDF2 = fc.BDF2()
+
+
+def marched(system=SYSTEM, method=BDF2, state=START, dt=0.01, t_end=0.02, **options):
+    return fc.run(system, method, state, dt, t_end, **options)
