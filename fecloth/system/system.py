@@ -29,6 +29,7 @@ from fecloth.quantities.sameness import same
 from fecloth.system import reuse
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints, MatrixProjection
+from fecloth.system.free_mass import FreeMass
 from fecloth.system.pieces import Piece, movable_pieces
 from fecloth.system.pins import Pin
 from fecloth.system.reaction_limits import ReactionLimits
@@ -373,6 +374,11 @@ class System:
         )
 
     @cached_property
+    def free_mass(self) -> FreeMass:
+        """The mass along the free directions, for impulses."""
+        return FreeMass(self.scalar_mass, self.constraints)
+
+    @cached_property
     def projection(self) -> MatrixProjection:
         """The projection of matrices onto the free directions."""
         return MatrixProjection.bind(self.constraints, self.pattern)
@@ -384,7 +390,7 @@ class System:
 
     def with_bound(self, bound: Iterable) -> Self:
         """A copy with other bound terms, such as terms over a step; all else is shared."""
-        _ = self.reaction_limits  # which the copy shares
+        _ = self.reaction_limits, self.free_mass  # which the copy shares
         other = copy.copy(self)
         other.bound = tuple(bound)  # in place of what the cached property would bind
         return other

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import flat
+from fecloth.terms.contact.retreat import Retreat
 from scipy import sparse
 
 import fecloth as fc
 from fecloth.terms.contact.advance import advance, goes_through, move_out
 from fecloth.terms.contact.inside import cutting_depth
 from fecloth.terms.contact.points import _find_distinct
-from fecloth.terms.contact.retreat import Retreat
 
 S = fc.shapes
 GAP = 2e-3

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import flat
+from fecloth.terms.contact.restitution import MOST_DAMPING, Approach
 from support.tiers import stories_except
 
 import fecloth as fc
@@ -10,7 +11,6 @@ from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.doubts.terms import find_no_membrane
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.terms.contact import barrier, restitution
-from fecloth.terms.contact.restitution import MOST_DAMPING, Approach
 from fecloth.terms.step_difference import StepDifference
 
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
