@@ -128,14 +128,14 @@ class BDF2(WithMemory):
         new, ending = arrive(opening, opening.end.t, stage.x_end + stage.w_end * q, v)
         forces = ending | {"ends": (opening.system, opening.begin), "a": a, "share": 1.0}
         struck = after_impacts(opening, new)
-        memory = _make_memory(opening.begin, struck)
-        return Step(struck.state, new, memory, counts, unstruck=new, **forces)
+        memory = _make_memory(opening, struck)
+        return Step(struck.state, new, memory, counts, unstruck=new, works=struck.works, **forces)
 
     def _close_first(self, opening: Opening, q: np.ndarray, counts: Counts) -> Step:
         """Close the first step by the method that opened it, with the memory of BDF2."""
         step: Step = opening.method.close(opening, q, counts)
         new = step.unstruck or step.state
-        memory = _make_memory(opening.begin, after_impacts(opening, new))
+        memory = _make_memory(opening, after_impacts(opening, new))
         if step.ends:
             return replace(step, memory=memory)
         a = (new.v - opening.begin.v) / opening.dt
@@ -149,17 +149,16 @@ def _coefficients(dt: float, last: Change) -> tuple[float, float]:
     return r**2 / (1 + 2 * r), (1 + r) / (1 + 2 * r) * dt
 
 
-def _make_memory(old: State, struck: Struck) -> Change:
-    """Return the changes in the step from `old`, the next memory.
+def _make_memory(opening: Opening, struck: Struck) -> Change:
+    """Return the changes in the step from `opening`, the next memory.
 
-    A node that an impact has struck gets, along the normal, another memory: that of a node which
-    has always moved with its new velocity, Δx = dt v and Δv = 0.
+    They are those of a cloth that has always moved as after the impacts: without the stroke,
+    whose force has moved it by h (stroke − beyond) in place of dt stroke. Changes of pairs have
+    no sum, so that momentum is kept.
     """
+    old = opening.begin
     new = struck.state
-    n = struck.directions
     dt = new.t - old.t
-    dx = new.x - old.x
-    dv = new.v - old.v
-    dx = dx + n * (n * (dt * new.v - dx)).sum(axis=1, keepdims=True)
-    dv = dv - n * (n * dv).sum(axis=1, keepdims=True)
-    return Change(dt, dx, dv)
+    h = opening.stage.wv / opening.stage.wa
+    dx = new.x - old.x + (dt - h) * struck.stroke + h * struck.beyond
+    return Change(dt, dx, new.v - old.v - struck.stroke)

@@ -141,10 +141,10 @@ class BackwardEuler(StageMethod):
     def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
         """Close the step with the unknown q (n, 3), and let impacts change its velocities."""
         step = super().close(opening, q, counts)
-        new = after_impacts(opening, step.state).state
-        if new is step.state:
+        struck = after_impacts(opening, step.state)
+        if struck.state is step.state:
             return step
-        return replace(step, state=new, unstruck=step.state)
+        return replace(step, state=struck.state, unstruck=step.state, works=struck.works)
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,8 @@ class Step:
         (n, 3) the force at the new state [N], where the solution has evaluated it last.
     unstruck
         The new state before impulses of impacts have changed its velocities; None without any.
+    works
+        Work [J] of these impulses by what moves, of each term; () without any.
     """
 
     state: State
@@ -105,6 +107,7 @@ class Step:
     solution: Solution | None = None
     new_force: np.ndarray | None = None
     unstruck: State | None = None
+    works: tuple[float, ...] = ()
 
     @property
     def before_impacts(self) -> "Step":

@@ -149,6 +149,10 @@ class Ledger(Account):
         pins += _clamp_work(system, method.traits.theta, old, step)
         jump = new.v - step.state.v
         impacts = -system.sums.dot(jump, system.mass_times(step.state.v + 0.5 * jump))
+        for name, more in zip(system.names, step.works, strict=False):
+            if name in work:
+                work[name] += more
+                impacts += more
         return Flows(dissipated, work, pins, method.numerical(system, old, step), impacts)
 
     def with_flows(self, flows: Flows) -> "Ledger":
