@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.integrators.impacts import Struck, after_impacts
+from fecloth.integrators.impacts import Struck, after_impacts, share_mass
 from fecloth.integrators.newmark import Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.integrators.step import UNCOUNTED, Begin, Opening, Step, arrive
@@ -96,8 +96,10 @@ class BDF2(WithMemory):
         second order with one step of first order. `solver` serves the trapezoidal rule only.
         """
         system, state, dt, memory, history = begin
-        if memory is None and any(term.needs_end for term in system.bound):
-            return BackwardEuler()._open(begin, solver)
+        if any(term.needs_end for term in system.bound):
+            share_mass(system)
+            if memory is None:
+                return BackwardEuler()._open(begin, solver)
         over = system.over_step(self.difference(state, dt, memory), history)
         if memory is None:
             return Newmark()._open(begin, solver, over)

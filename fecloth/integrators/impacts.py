@@ -33,6 +33,7 @@ from scipy.sparse.csgraph import connected_components
 from fecloth.integrators.step import Opening
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.contact.touches import Touches
 
 # Speeds are exact to this part of the fastest one; e is then so, too.
@@ -82,7 +83,7 @@ def after_impacts(opening: Opening, new: State) -> Struck:
         return Struck(new, np.zeros_like(new.v), np.zeros_like(new.v))
     touches = Touches.join(touching)
     G = touches.rows
-    changes = opening.system.free_mass.changes(G)
+    changes = unit_changes(opening.system, G)
     A = (G @ changes).tocsr()
     u = G @ new.v.ravel() - touches.surface
     free = u - A @ touches.pushed
@@ -105,6 +106,27 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     ends = np.cumsum([0 if part is None else len(part.surface) for part in parts])[:-1]
     works = tuple(float(each.sum()) for each in np.split(work, ends))
     return Struck(state, change(strikes * impulses), change(strikes * beyond), works)
+
+
+def unit_changes(system: System, G: sparse.csr_matrix) -> sparse.csc_matrix:
+    """Return the changes (3n, m) of v by unit impulses along the rows G (m, 3n) [1/kg].
+
+    They are Z (ZᵀMZ)⁻¹ Zᵀ Gᵀ, with a basis Z of the motions that pins allow.
+    """
+    Z = system.admissible
+    along = (Z.T @ G.T).tocsc()
+    if system.mass_kind == "lumped":
+        mass = Z.power(2).T @ system.mass_rows.ravel()
+        return (Z @ (sparse.diags(1 / mass) @ along)).tocsc()
+    return (Z @ sparse.csc_matrix(system.free_mass.solve(along.toarray()))).tocsc()
+
+
+def share_mass(system: System) -> None:
+    """Make what `unit_changes` needs, before a step copies the system: the copies share it."""
+    if system.mass_kind == "lumped":
+        _ = system.admissible
+    else:
+        _ = system.free_mass
 
 
 def limits(

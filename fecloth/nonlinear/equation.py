@@ -118,7 +118,7 @@ def largest_step(system: System, x: np.ndarray, s: np.ndarray, t: float) -> floa
 
     x and s are (n, 3) [m]. A term knows by its `limit` the part, at most 1, of a direction that
     it allows. A line search that doubles a step needs to know an α above 1, too. So the limits
-    are taken for 16 s (`LONGEST_DIRECTION`). With terms that couple nodes they are not, as
+    are those of 16 s (`LONGEST_DIRECTION`), times 16. With terms that couple nodes they are not, as
     their `limit` is expensive: there α is at most 1.
     """
     limits = [term.limit for term in system.bound if term.limits_direction]
@@ -126,11 +126,7 @@ def largest_step(system: System, x: np.ndarray, s: np.ndarray, t: float) -> floa
         return math.inf
     if any(term.couples_nodes for term in system.bound):
         return min(limit(x, s, t) for limit in limits)
-    far = LONGEST_DIRECTION * min(limit(x, LONGEST_DIRECTION * s, t) for limit in limits)
-    if far >= 1.0:
-        return far
-    # Not even the whole direction is allowed: take its own limit.
-    return min(limit(x, s, t) for limit in limits)
+    return LONGEST_DIRECTION * min(limit(x, LONGEST_DIRECTION * s, t) for limit in limits)
 
 
 def has_limits(system: System) -> bool:
@@ -147,5 +143,5 @@ def admit(system: System, x: np.ndarray, t: float) -> np.ndarray | None:
     ways_of_contact = [way for way in ways if way is not None]
     if not ways_of_contact:
         return x
-    project = system.constraints.project
-    return find_guess(ways_of_contact, x, lambda guess: x + project(guess - x))
+    expand = system.constraints.expand
+    return find_guess(ways_of_contact, x, lambda guess: x + expand(guess - x))

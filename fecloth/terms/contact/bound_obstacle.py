@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,10 @@ from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
 from fecloth.terms.contact.friction import SlidingPoints, along
 from fecloth.terms.contact.inside import refuse_inside
 from fecloth.terms.contact.points import Contacts, Points
-from fecloth.terms.contact.shape import AT_REST, Pose, Shape
+from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.contact.touches import Touches, rows_of
+from fecloth.terms.last_states import LastStates
 from fecloth.terms.step_difference import StepDifference
 
 # How many gaps more than it had a node may be moved away from a shape that deforms, so that no
@@ -60,32 +62,44 @@ class BoundObstacle(BoundContact):
         """Whether there is no friction: its tangent is symmetric only over a step."""
         return not self.friction
 
-    def touching(self, x: np.ndarray, t: float) -> Iterator[Contacts]:
-        """Yield the points nearer than the gap, with their distances: one `Contacts` a kind.
+    @cached_property
+    def placed_nodes(self) -> LastStates[tuple[np.ndarray, np.ndarray]]:
+        """Of x and t: the nodes (n, 3) in the frame of the body, and their distances (n,) [m]."""
+
+        def place(x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+            y = self.shape.pose(t).to_body(x)
+            return y, self.shape.distance(y, t)
+
+        return LastStates(place)
+
+    @cached_property
+    def touching(self) -> LastStates[list[Contacts]]:
+        """Of x and t: the points nearer than the gap, with their distances; a `Contacts` a kind.
 
         A kind without such points is left out.
         """
-        pose = self.shape.pose(t)
-        node_distances = self.shape.distance(pose.to_body(x), t)
+        return LastStates(lambda x, t: list(self._find_touching(x, t)))
+
+    def _find_touching(self, x: np.ndarray, t: float) -> Iterator[Contacts]:
+        y_of_nodes, node_distances = self.placed_nodes(x, t)
         for points in self.points:
             point_numbers = points.candidates(node_distances, self.gap)
             if not len(point_numbers):
                 continue
-            y = pose.to_body(points.values(x, point_numbers))
+            y = points.values(y_of_nodes, point_numbers)
             s = self.shape.distance(y, t) / self.gap
             is_touching = s < 1.0
             if is_touching.any():
                 point_numbers = point_numbers[is_touching]
                 s = s[is_touching]
-                yield Contacts(points, point_numbers, y=y[is_touching], s=s)
-
-    def slopes(self, contacts: Contacts, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient (p, 3) and Hessian (p, 3, 3) of the distance, in space."""
-        gradient, hessian = self.shape.slopes(contacts.y, t)
-        if self.shape.rotate is None:
-            return gradient, hessian
-        R = self.shape.pose(t).R
-        return gradient @ R.T, np.einsum("ij,pjk,lk->pil", R, hessian, R)
+                yield Contacts(
+                    points=points,
+                    point_numbers=point_numbers,
+                    y=y[is_touching],
+                    s=s,
+                    shape=self.shape,
+                    t=t,
+                )
 
     def normal_force(self, contacts: Contacts) -> np.ndarray:
         """Return −κ A b′(d/gap) (p,) [N]; times ∇d it is the push on a point."""
@@ -110,25 +124,25 @@ class BoundObstacle(BoundContact):
             if contacts.s.min() <= 0.0:  # inside, where the barrier has no force
                 f += np.nan
                 return
-            gradient, _ = self.slopes(contacts, t)
+            gradient, _ = contacts.slopes
             push = self.normal_force(contacts)[:, None] * gradient
             contacts.points.add_force(contacts.point_numbers, push, f)
 
     def add_tangents(self, x, t, wx, rubbing, weight, J, definite) -> None:
         for contacts in self.touching(x, t):
-            K = self.push_tangent(contacts, t, definite)
+            K = self.push_tangent(contacts, definite)
             contacts.points.add_tangent(contacts.point_numbers, wx * K, J)
         for sliding, w in rubbing:
             contacts = sliding.contacts
             contacts.points.add_tangent(contacts.point_numbers, sliding.damping(w, weight), J)
 
-    def push_tangent(self, contacts: Contacts, t: float, definite: bool) -> np.ndarray:
+    def push_tangent(self, contacts: Contacts, definite: bool) -> np.ndarray:
         """Return κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d) (p, 3, 3) [N/m].
 
         It is minus the change of the push with x. The second part, in which b′ is negative, is
         left out if `definite`.
         """
-        gradient, hessian = self.slopes(contacts, t)
+        gradient, hessian = contacts.slopes
         normal_stiffness = self.stiffness / self.gap * contacts.areas
         normal_stiffness *= barrier.curvature(contacts.s)
         K = normal_stiffness[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
@@ -144,7 +158,7 @@ class BoundObstacle(BoundContact):
         pose = self.shape.pose(t)
         all_sliding = []
         for contacts in self.touching(x, t):
-            gradient, _ = self.slopes(contacts, t)
+            gradient, _ = contacts.slopes
             # The length of ∇d is not 1 where the distance is a formula.
             gradient_length = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
             places = pose.to_space(contacts.y)
@@ -171,7 +185,7 @@ class BoundObstacle(BoundContact):
         spin = np.cross(angular_velocity, np.eye(3)).T  # ∂(ω × x)/∂x
         for sliding in self.lag(x, t, dt=None):
             contacts = sliding.contacts
-            change = -self.friction * self.push_tangent(contacts, t, definite=False)
+            change = -self.friction * self.push_tangent(contacts, definite=False)
             K = sliding.stiffness(sliding.values(v), change, spin)
             contacts.points.add_tangent(contacts.point_numbers, wx * K, J)
 
@@ -203,7 +217,7 @@ class BoundObstacle(BoundContact):
         the gap opened along the normal at the end.
         """
         numbers = contacts.point_numbers
-        gradient, _ = self.slopes(contacts, new.t)
+        gradient, _ = contacts.slopes
         length = np.linalg.norm(gradient, axis=1)  # not 1 where the distance is a formula
         n = gradient / length[:, None]
         pose = self.shape.pose(old.t)
@@ -229,28 +243,33 @@ class BoundObstacle(BoundContact):
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no point passes into the obstacle up to x + α s."""
-        pose = self.shape.pose(t)
-        way = pose.to_body(x + s) - pose.to_body(x)
-        return self._free_part(self.points, x, pose, way, t)
+        y, node_distances = self.placed_nodes(x, t)
+        way = self.shape.pose(t).to_body(x + s) - y
+        return self._free_part(self.points, y, node_distances, way, t)
 
     def _free_part(
-        self, kinds: Sequence[Points], x: np.ndarray, pose: Pose, way: np.ndarray, t: float
+        self,
+        kinds: Sequence[Points],
+        y: np.ndarray,
+        node_distances: np.ndarray,
+        way: np.ndarray,
+        t: float,
     ) -> float:
         """Return the part in [0, 1] of the nodes' ways on which no point enters the shape.
 
-        The ways (n, 3) are displacements [m] in the frame of the body. They begin at the
-        positions x (n, 3), which `pose` takes into this frame. The shape is taken at the time t.
+        The ways (n, 3) are displacements [m] of the nodes from y (n, 3), where they have the
+        distances `node_distances` (n,) [m]. All is in the frame of the body, and the shape is
+        taken at the time t.
         """
-        node_distances = self.shape.distance(pose.to_body(x), t)
         free_part = 1.0
         # `advance` limits no point that stays farther away than the gap.
         reach = np.sqrt(np.einsum("ni,ni->n", way, way)) + self.gap
         for points in kinds:
             point_numbers = points.candidates(node_distances, reach)
             if len(point_numbers):
-                y = pose.to_body(points.values(x, point_numbers))
+                places = points.values(y, point_numbers)
                 ways = points.values(way, point_numbers)
-                parts = advance(self.shape, y, ways, t, self.gap)
+                parts = advance(self.shape, places, ways, t, self.gap)
                 free_part = min(free_part, float(parts.min()))
         return free_part
 
@@ -264,8 +283,11 @@ class BoundObstacle(BoundContact):
         return advance(self.shape, begin, end - begin, t, self.gap)
 
     def free_part(self, begin: np.ndarray, end: np.ndarray, t: float) -> float:
-        # The nodes, points[0], have been stopped one by one already (`parts`).
-        return self._free_part(self.points[1:], begin, AT_REST, end - begin, t)
+        inner_points = self.points[1:]  # the nodes have been stopped one by one (`parts`)
+        if not inner_points:
+            return 1.0
+        node_distances = self.shape.distance(begin, t)
+        return self._free_part(inner_points, begin, node_distances, end - begin, t)
 
     def allows(self, x: np.ndarray, t: float) -> bool:
         return self.least_distance(x, t) > 0.0
@@ -287,7 +309,7 @@ class BoundObstacle(BoundContact):
         return False
 
     def room(self, x: np.ndarray, t: float) -> np.ndarray:
-        return self.shape.distance(self.shape.pose(t).to_body(x), t)
+        return self.placed_nodes(x, t)[1]
 
     def struck(self, x, end, t, dt, held) -> np.ndarray:
         """Return the nodes `held` by pins that are inside the shape at `end`, at t + dt.
@@ -323,13 +345,12 @@ class BoundObstacle(BoundContact):
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
         """Return the least distance [m] of all points from the shape; negative inside."""
-        pose = self.shape.pose(t)
-        node_distances = self.shape.distance(pose.to_body(x), t)
+        y_of_nodes, node_distances = self.placed_nodes(x, t)
         least = float(node_distances.min())
         for points in self.points[1:]:  # the points inside triangles, if there are any
             point_numbers = points.candidates(node_distances, least)
             if len(point_numbers):
-                y = pose.to_body(points.values(x, point_numbers))
+                y = points.values(y_of_nodes, point_numbers)
                 least = min(least, float(self.shape.distance(y, t).min()))
         return least
 

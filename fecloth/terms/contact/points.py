@@ -8,7 +8,6 @@ is divided into k² parts, and the corners of the parts are points too.
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -160,7 +159,8 @@ class TrianglePoints:
 Points = NodePoints | TrianglePoints
 
 
-class Contacts(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Contacts:
     """Points of one kind that an obstacle pushes.
 
     Attributes
@@ -173,12 +173,27 @@ class Contacts(NamedTuple):
         Places (p, 3) of these in the frame of the shape [m].
     s
         Distances (p,) of these over the gap.
+    shape
+        The shape of the obstacle.
+    t
+        The time [s].
     """
 
     points: Points
     point_numbers: np.ndarray
     y: np.ndarray
     s: np.ndarray
+    shape: Shape
+    t: float
+
+    @cached_property
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (p, 3) and Hessian (p, 3, 3) of the distance, in space."""
+        gradient, hessian = self.shape.slopes(self.y, self.t)
+        if self.shape.rotate is None:
+            return gradient, hessian
+        R = self.shape.pose(self.t).R
+        return gradient @ R.T, np.einsum("ij,pjk,lk->pil", R, hessian, R)
 
     @property
     def areas(self) -> np.ndarray:

@@ -276,7 +276,8 @@ class Box(Shape):
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
         _, q = self._from_faces(y)
-        return _length(np.maximum(q, 0.0)) + np.minimum(q.max(axis=1), 0.0)
+        farthest = np.maximum(np.maximum(q[:, 0], q[:, 1]), q[:, 2])
+        return _length(np.maximum(q, 0.0)) + np.minimum(farthest, 0.0)
 
     def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         sign, q = self._from_faces(y)

@@ -48,6 +48,25 @@ def test_force_and_tangent_are_derivatives(name, element, rng):
     check_term(obstacle, cloth, FABRIC, [("near", x, np.zeros_like(x))], ("x",), (1.0,))
 
 
+def test_energy_force_and_tangent_of_a_place_share_the_distances(monkeypatch, rng):
+    """Of the nodes, of candidates between them, and the slopes of both kinds of points."""
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1)
+    obstacle = fc.Obstacle(BELOW["sphere"], gap=GAP, stiffness=200.0)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), obstacle])
+    x = near(cloth, obstacle, 0.0, rng.uniform(0, 6))
+    calls = []
+    for name in ("distance", "slopes"):
+        kind = getattr(S.Sphere, name)
+        monkeypatch.setattr(
+            S.Sphere, name, lambda *of, kind=kind, name=name: calls.append(name) or kind(*of)
+        )
+    for place in (x, x + 1e-6, x, x + 1e-6):  # as a line search goes back and forth
+        state = system.state(place)
+        assert system.energies(state)["Obstacle"] > 0.0
+        system.force(state), system.stiffness(state)
+    assert (calls.count("distance"), calls.count("slopes")) == (2 * 3, 2 * 2)
+
+
 @pytest.mark.parametrize("element", ["P1", "P2"])
 @pytest.mark.parametrize("name", BELOW)
 def test_derivatives_where_the_curvature_jumps(name, element, rng):
