@@ -122,6 +122,8 @@ class System:
         terms = _check_list(terms, "terms", "StVK()", protocol.is_description)
         pins = _check_list(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
         seams = _check_list(seams, "seams", 'Seam("left", "right")', lambda s: hasattr(s, "sew"))
+        for seam in seams[:1]:
+            cloth, terms = seam.complete(seams, cloth, terms)
         mass = cloth.usual_mass if mass is None else mass
         _check_elements(terms, cloth.element)
         if start is not None and not (isinstance(start, State) and len(start.x) == len(cloth.X)):
