@@ -43,11 +43,13 @@ class Seam:
 
     Parameters
     ----------
-    first, second
-        The edges: names of edge sets or node sets, as "left", or "front.left" of a piece; or
-        node indices, or a predicate on X. Each must be one path along the border. It begins at
-        its end of the lower X, or of the lower Y at the same X; a closed border begins at its
-        node of the largest X.
+    first
+        An edge: the name of an edge set or a node set, as "left", or "front.left" of a piece; in
+        Python also node indices, or a predicate on X. It must be one path along the border. It
+        begins at its end of the lower X, or of the lower Y at the same X; a closed border begins
+        at its node of the largest X, and goes around counter-clockwise.
+    second
+        The edge that is sewn to it, likewise.
     reverse
         Whether the second edge begins at its other end.
     stiffness

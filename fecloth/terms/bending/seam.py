@@ -1,6 +1,6 @@
 """Bending along a seam: a hinge between the two edges that are sewn."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from fecloth.mesh.selection import Where
 from fecloth.mesh.sewn_edge import SewnEdge
 from fecloth.terms.bending.hinge import KERNELS, BoundHinges
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import BOTH, HINGES
+from fecloth.terms.traits import BOTH, TermTraits
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class SeamBending:
     angle: float = 0.0
     reverse: bool = False
 
-    traits = replace(HINGES, elements=BOTH)
+    traits = TermTraits(elements=BOTH)
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         """(p, 4) the nodes of the hinge of each piece."""
