@@ -29,6 +29,7 @@ from fecloth.quantities.sameness import same
 from fecloth.system import reuse
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints, MatrixProjection
+from fecloth.system.followers import NO_FOLLOWERS
 from fecloth.system.pieces import Piece, movable_pieces
 from fecloth.system.pins import Pin
 from fecloth.system.reaction_limits import ReactionLimits
@@ -417,6 +418,14 @@ class System:
         _ = self.reaction_limits  # which the copy shares
         other = copy.copy(self)
         other.bound = tuple(bound)  # in place of what the cached property would bind
+        return other
+
+    def loose(self) -> Self:
+        """The system with forces where they act, also on nodes that follow others."""
+        if not self.seams:
+            return self
+        other = copy.copy(self)
+        other.constraints = replace(self.constraints, followers=NO_FOLLOWERS)
         return other
 
     def over_step(
