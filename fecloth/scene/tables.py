@@ -15,7 +15,7 @@ from fecloth import terms
 from fecloth.errors import InputError, brief, errors_of
 from fecloth.fabric import presets
 from fecloth.fabric.fabric import Fabric, constants_in
-from fecloth.fabric.uncertainty import CONSTANTS, PAIRS, Uncertainty, merged
+from fecloth.fabric.uncertainty import CONSTANTS, OF_CURVES, PAIRS, Uncertainty, merged
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.rotation import Rotation
 from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
@@ -129,7 +129,13 @@ def _check_uncertain(table: dict | None) -> dict | None:
     return uncertainty.table()
 
 
-_KEYS = [*CONSTANTS, *(f"{key}.{i}" for key in PAIRS for i in "01"), "correlation", "source"]
+_KEYS = [
+    *CONSTANTS,
+    *(f"{key}.{i}" for key in PAIRS for i in "01"),
+    "correlation",
+    "source",
+    *OF_CURVES,
+]
 _SCHEMA = {
     "type": "object",
     "properties": {key: {} for key in _KEYS},
