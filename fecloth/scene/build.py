@@ -179,7 +179,8 @@ def _refuse_seams(
         with errors_of_key(f"seams.{i}"):
             System(cloth, fabric, terms=(), seams=[seam])
     with errors_of_key("seams"):
-        System(cloth, fabric, terms=(), pins=pins, seams=seams)
+        for seam in seams[:1]:
+            seam.sew(seams, cloth, Constraints.bind(pins, cloth))
 
 
 def _in_radians(degrees: float | Mapping[str, float]) -> float | dict[str, float]:
