@@ -9,6 +9,7 @@ from fecloth.integrators.fused_steps import Flows
 from fecloth.integrators.numerical_dissipation import has_power_column, load_displacement
 from fecloth.linalg.reductions import dot
 from fecloth.simulation.account import Account, Accounts, Run
+from fecloth.simulation.closing_work import closing_work
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -79,6 +80,8 @@ class Ledger(Account):
         kinetic = energies.pop("kinetic")
         dissipated = {name: 0.0 for name, term in system.named if term.dissipative}
         work = {name: 0.0 for name, term in system.named if term.supplies}
+        if system.constraints.followers.closes:
+            work["seams"] = 0.0
         reported = {*energies, *dissipated, *work}
         silent = any(name not in reported for name in system.names)
         resisting = _resisting(system, state, dissipated)
@@ -145,6 +148,8 @@ class Ledger(Account):
                 dissipated[name] = _dissipation(term, acting_term, step, dt)
             if name in self.work:
                 work[name] = _work(term, acting_term, old, step, method.traits.explicit)
+        if "seams" in self.work:
+            work["seams"] = closing_work(system, old, step)
         pins = _pin_work(system, method.traits.theta, old, step)
         pins += _clamp_work(system, method.traits.theta, old, step)
         jump = new.v - step.state.v

@@ -11,6 +11,7 @@ import scipy.sparse as sparse
 from fecloth.errors import InputError
 from fecloth.linalg.reductions import longest
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.sewn_cloth import SewnCloth
 from fecloth.mesh.surface import Surface
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.pairs import nodes_of, square_away_from
@@ -125,6 +126,9 @@ class ContactSets:
         nodes = np.asfortranarray(np.vstack([rest, fixed_mesh.points]))
         mesh = ipctk.CollisionMesh(nodes, edges.astype(np.int32, order="F"), faces)
         largest = math.inf
+        if isinstance(cloth, SewnCloth):
+            apart = dict.fromkeys(map(tuple, cloth.neighbours.tolist()), False)
+            mesh.can_collide = ipctk.make_sparse_filter(apart, True)
         if fixed:
             # Two nodes with the same number of a patch do not collide: the cloth meets the fixed
             # mesh only, and not itself.
