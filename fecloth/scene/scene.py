@@ -66,6 +66,8 @@ class Scene(Table):
     """Forces and energies, as [[terms]]; a scene has the terms that it names, and no others."""
     pins: tuple[PinTable, ...] = ()
     """What holds or moves nodes, as [[pins]]."""
+    seams: tuple[tables.SeamTable, ...] = ()
+    """Edges that are sewn together, as [[seams]]."""
     start: Start = Start()
     """Where the cloth starts."""
     time: Time = None  # type: ignore[assignment]  # None if static

@@ -22,6 +22,7 @@ from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
 from fecloth.scene.field_types import File, resolve_path
 from fecloth.scene.placement import RotationTable
 from fecloth.scene.table_model import TERM, Made, one_of, table_of
+from fecloth.system.seams import Seam
 from fecloth.terms.contact import shapes
 from fecloth.terms.membranes.curves import CurveData, read_rows
 from fecloth.terms.protocol import is_description
@@ -63,6 +64,8 @@ SHAPE_TABLES = {
 ShapeTable: Any = one_of("type", SHAPE_TABLES)
 _FIELDS = _TURNED | {shapes.Shape: (ShapeTable, ...), str | Path: (File, ...)}
 _FIELDS |= {CurveData | None: (_Curve, None)}
+
+SeamTable: Any = table_of(Seam, first=(str, ...), second=(str, ...))
 
 _NewtonFields: Any = table_of(Newton)  # a base class made at run time
 

@@ -58,8 +58,6 @@ class DoubtKind(Enum):
         The error in time is large.
     ROUND_OFF
         Round-off limited Newton's iteration.
-    BOUNCE
-        The steps do not resolve a bounce.
     CURVE
         Strains are beyond the last point of a measured curve.
     INTERSECTION
@@ -94,7 +92,6 @@ class DoubtKind(Enum):
     GAIN = "gain", WARNING
     MOTION = "motion", WARNING
     TIME = "time", WARNING
-    BOUNCE = "bounce", WARNING
     CURVE = "curve", WARNING
     INTERSECTION = "intersection", WARNING
     INSTABILITY = "instability", WARNING
