@@ -297,9 +297,18 @@ class ContactOverStep(BoundTerm):
     def dissipation(self, x: np.ndarray) -> float:
         """Return the energy [J] that friction dissipates in a step that ends at x.
 
-        It is dt Σ μ λ f₁(y) y.
+        It is dt Σ μ λ f₁(y) y, with the mean velocities over the step.
         """
-        return self.step.dt * sum(sliding.power(w) for sliding, w in self.rubbing(x))
+        power = 0.0
+        step = self.step
+        sliding = self.sliding
+        if self.contact.supplies and not step.increment:  # what it slides on moves
+            mean = mean_in_time(step)
+            sliding = self.contact.lag(self.last.place, step.t, mean)
+        for each in sliding:
+            way = each.values(x) - each.values(step.start)
+            power += each.power(each.slip(way / step.dt))
+        return step.dt * power
 
     def work(self, x: np.ndarray) -> float:
         """Return the work [J] of the body on the cloth over the step; 0 without a body.
@@ -335,8 +344,13 @@ def difference_in_time(step: StepDifference) -> TimeDifference:
     if step.increment and end == step.t:
         return ()
     if step.increment or len(step.past) != 2:
-        size = end - step.t
-        return (1 / size, end), (-1 / size, step.t)
+        return mean_in_time(step)
     (at_begin, _), (before, _) = step.past
     time_before = step.t + (step.dt - step.h) / before
     return (1 / step.h, end), (-at_begin / step.h, step.t), (-before / step.h, time_before)
+
+
+def mean_in_time(step: StepDifference) -> TimeDifference:
+    """The mean rate of a function of time over the step."""
+    size = step.end - step.t
+    return (1 / size, step.end), (-1 / size, step.t)
