@@ -29,7 +29,7 @@ class Case:
     quantities: list[str]
     values: Mapping[str, float]
     dt: float | None = 0.01
-    t_end: float | None = 0.05
+    t_end: float | None = 0.1
     tight: float = 1e-6  # relative distance from the twin runs with the tight setting
     h: float = 0.25
 
