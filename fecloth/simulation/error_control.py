@@ -342,7 +342,8 @@ class Adaptive(ChosenSteps):
         """
         new = step.state
         dt = new.t - old.t
-        a = system.constraints.project((new.v - old.v) / dt)
+        v = (step.unstruck or new).v  # no step is short enough for the jump of an impact
+        a = system.constraints.project((v - old.v) / dt)
         t = old.t + 0.5 * dt
         order = self.traits.order
         derivative = a

@@ -110,6 +110,57 @@ def test_an_oblique_impact_takes_nothing_along_the_plane(mass):
     assert left == pytest.approx(0.6, abs=0.01)
 
 
+def test_steps_that_follow_their_error_pass_an_impact():
+    """No step is short enough for the jump of the velocity, which is no error."""
+    cloth = fc.Cloth.rectangle(0.05, 0.05, 0.05, "right")
+    floor = fc.Obstacle(FLOOR, GAP, restitution=0.6)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), floor])
+    x = flat(cloth) + [0, 0, 5e-3]
+    start = system.state(x, 0 * x - [0, 0, 1.0])
+    run = fc.run(system, fc.Adaptive(fc.BDF2(), rtol=1.0), start, t_end=0.02)
+    assert run.state.v[:, 2].mean() == pytest.approx(0.6, abs=1e-3)
+    assert run.steps < 60
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("e", stories_except([0.0, 0.5, 1.0], 0.5))
+def test_sheets_that_meet_part_with_their_speed_and_keep_the_momentum(e, mass):
+    pytest.importorskip("ipctk")
+    sheets = fc.Cloth.rectangle(0.05, 0.05, 0.025), fc.Cloth.rectangle(0.05, 0.05, 0.0225)
+    cloth = fc.Cloth.join(list(sheets), names=["lower", "upper"])
+    terms = [fc.StVK(), fc.PlateBending(), fc.SelfContact(GAP, restitution=e)]
+    system = fc.System(cloth, FABRIC, terms, mass=mass)
+    dt, is_upper = 1e-3, np.arange(len(cloth.X)) >= len(sheets[0].X)
+    x = flat(cloth) + np.where(is_upper[:, None], [3e-4, 2e-4, GAP + 2.4 * dt], 0.0)
+    v = np.where(is_upper[:, None], [0.3, 0, -1.0], 0.0)
+    run = fc.run(system, fc.BDF2(), system.state(x, v), dt, 5 * dt, newton=fc.Newton(1e-9))
+    before, after = (system.mass_times(each).sum(axis=0) for each in (v, run.state.v))
+    np.testing.assert_allclose(after, before, atol=1e-6 * np.linalg.norm(before))
+    m = system.nodal_mass
+    upper, lower = (
+        np.average(run.state.v[one], axis=0, weights=m[one]) for one in (is_upper, ~is_upper)
+    )
+    assert (upper - lower)[2] == pytest.approx(e, abs=0.01)
+    assert (upper - lower)[0] == pytest.approx(0.3, abs=0.01)
+
+
+def test_the_derivative_of_a_bounce_is_that_of_its_jump():
+    """The sheet leaves with e v: its derivatives by v and by e."""
+
+    def problem(h, speed=1.0, e=0.6):
+        cloth = fc.Cloth.rectangle(0.05, 0.05, h, "right")
+        floor = fc.Obstacle(FLOOR, GAP, restitution=e)
+        system = fc.System(cloth, FABRIC, [fc.StVK(), floor])
+        x = flat(cloth) + [0, 0, GAP + 2.4e-3]
+        return cloth, system, fc.BackwardEuler(), system.state(x, 0 * x - [0, 0, speed])
+
+    def speed_at_end(result):
+        return float(result.state.v[:, 2].mean())
+
+    answer = fc.sensitivity(problem, ["speed", "e"], speed_at_end, h=0.05, dt=1e-3, t_end=0.01)
+    np.testing.assert_allclose(answer.derivative, [0.6, 1.0], atol=1e-6)
+
+
 MOVED = {
     "a ball at 10 m/s": fc.shapes.Sphere((0.05, 0.05, -0.055), 0.05, motion=(0, 0, "10*t")),
     "a box at 20 rad/s": fc.shapes.Box(
