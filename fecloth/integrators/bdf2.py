@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.integrators.impacts import Struck, after_impacts, share_mass
+from fecloth.integrators.impacts import Struck, after_impacts, share_mass, with_forces
 from fecloth.integrators.newmark import Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.integrators.step import UNCOUNTED, Begin, Opening, Step, arrive
@@ -131,6 +131,7 @@ class BDF2(WithMemory):
         forces = ending | {"ends": (opening.system, opening.begin), "a": a, "share": 1.0}
         struck = after_impacts(opening, new)
         memory = _make_memory(opening, struck)
+        forces["history"] = with_forces(ending["history"], struck)
         return Step(struck.state, new, memory, counts, unstruck=new, works=struck.works, **forces)
 
     def _close_first(self, opening: Opening, q: np.ndarray, counts: Counts) -> Step:

@@ -33,11 +33,12 @@ from scipy.sparse.csgraph import connected_components
 from fecloth.integrators.step import Opening
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
+from fecloth.terms.contact.bound_contact import Touched
 from fecloth.terms.contact.touches import Touches
 
 # Speeds are exact to this part of the fastest one; e is then so, too.
-SPEED_TOLERANCE = 1e-7
+SPEED_TOLERANCE = 1e-10
 ROUND_OFF_OF_WORK = 1e-5  # above that of the speeds
 MOST_ITERATIONS = 2_000
 # Of connected places, over their own A: there are more of them than ways of the nodes, and
@@ -63,12 +64,15 @@ class Struck(NamedTuple):
         (n, 3) the part of it that the force of the barrier has not given, M⁻¹ Gᵀ(Λ − Λ₀).
     works
         Work [J] of what each term touches and of Λ − Λ₀, w·(Λ − Λ₀): 0 where it stands still.
+    forces
+        The mean normal forces Λ/h (p,) [N] at the places of each term.
     """
 
     state: State
     stroke: np.ndarray
     beyond: np.ndarray
     works: tuple[float, ...] = ()
+    forces: tuple[np.ndarray, ...] = ()
 
 
 def after_impacts(opening: Opening, new: State) -> Struck:
@@ -105,7 +109,19 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     work = touches.surface * beyond
     ends = np.cumsum([0 if part is None else len(part.surface) for part in parts])[:-1]
     works = tuple(float(each.sum()) for each in np.split(work, ends))
-    return Struck(state, change(strikes * impulses), change(strikes * beyond), works)
+    h = opening.stage.wv / opening.stage.wa
+    forces = tuple(np.split(impulses / h, ends))
+    return Struck(state, change(strikes * impulses), change(strikes * beyond), works, forces)
+
+
+def with_forces(history: History | None, struck: Struck) -> History | None:
+    """Return the records of the terms with the normal forces at the end, for friction."""
+    if history is None or not struck.forces:
+        return history
+    return tuple(
+        replace(record, forces=forces) if isinstance(record, Touched) else record
+        for record, forces in zip(history, struck.forces, strict=True)
+    )
 
 
 def unit_changes(system: System, G: sparse.csr_matrix) -> sparse.csc_matrix:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.integrators.impacts import after_impacts
+from fecloth.integrators.impacts import after_impacts, with_forces
 from fecloth.integrators.numerical_dissipation import (
     barrier_dissipation,
     stiffness_product,
@@ -142,9 +142,16 @@ class BackwardEuler(StageMethod):
         """Close the step with the unknown q (n, 3), and let impacts change its velocities."""
         step = super().close(opening, q, counts)
         struck = after_impacts(opening, step.state)
+        history = with_forces(step.history, struck)
         if struck.state is step.state:
-            return step
-        return replace(step, state=struck.state, unstruck=step.state, works=struck.works)
+            return replace(step, history=history)
+        return replace(
+            step,
+            state=struck.state,
+            unstruck=step.state,
+            works=struck.works,
+            history=history,
+        )
 
 
 @dataclass(frozen=True)

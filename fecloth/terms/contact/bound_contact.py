@@ -7,7 +7,7 @@ A subclass of `BoundContact` has the barrier, and says what slides: `BoundObstac
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +23,7 @@ from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
+NO_FORCES = np.zeros(0)
 Rubbing = Iterable[tuple[Any, np.ndarray]]  # each `Sliding`, and its velocities w
 
 
@@ -41,12 +42,16 @@ class Touched:
         Time at its begin [s].
     dt
         Its size [s].
+    forces
+        The mean normal forces (p,) [N] over it at all places that touch at its end, in the order
+        of `BoundContact.find_touches`; empty where they are not known.
     """
 
     place: np.ndarray
     start: np.ndarray
     begin: float
     dt: float
+    forces: np.ndarray = field(default_factory=lambda: NO_FORCES)
 
 
 class BoundContact(BoundTerm):
@@ -95,10 +100,17 @@ class BoundContact(BoundTerm):
         """
         raise NotImplementedError
 
-    def lag(self, x: np.ndarray, t: float, difference: TimeDifference | None) -> Sequence[Sliding]:
+    def lag(
+        self,
+        x: np.ndarray,
+        t: float,
+        difference: TimeDifference | None,
+        forces: np.ndarray = NO_FORCES,
+    ) -> Sequence[Sliding]:
         """What slides at the positions x (n, 3) and the time t.
 
-        The velocity of the surface is by the `difference`, or with None that at t.
+        The velocity of the surface is by the `difference`, or with None that at t. The normal
+        forces are those of the barrier, or the `forces` (p,) [N] of `Touched`.
         """
         raise NotImplementedError
 
@@ -257,7 +269,7 @@ class ContactOverStep(BoundTerm):
         end = self.end
         difference = difference_in_time(step)
         if not step.increment:
-            return self.contact.lag(self.last.place, step.t, difference)
+            return self.contact.lag(self.last.place, step.t, difference, self.last.forces)
         if step.increment.place is None:
             return self.contact.lag(step.start, step.t, difference)
         return self.contact.lag(step.increment.place, end, difference)
@@ -304,7 +316,7 @@ class ContactOverStep(BoundTerm):
         sliding = self.sliding
         if self.contact.supplies and not step.increment:  # what it slides on moves
             mean = mean_in_time(step)
-            sliding = self.contact.lag(self.last.place, step.t, mean)
+            sliding = self.contact.lag(self.last.place, step.t, mean, self.last.forces)
         for each in sliding:
             way = each.values(x) - each.values(step.start)
             power += each.power(each.slip(way / step.dt))

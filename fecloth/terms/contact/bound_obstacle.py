@@ -12,7 +12,7 @@ import numpy as np
 
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.advance import advance, goes_through, move_out
-from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
+from fecloth.terms.contact.bound_contact import NO_FORCES, BoundContact, Rubbing
 from fecloth.terms.contact.friction import SlidingPoints, along
 from fecloth.terms.contact.inside import refuse_inside
 from fecloth.terms.contact.points import Contacts, Points
@@ -151,7 +151,11 @@ class BoundObstacle(BoundContact):
         return K
 
     def lag(
-        self, x: np.ndarray, t: float, difference: TimeDifference | None
+        self,
+        x: np.ndarray,
+        t: float,
+        difference: TimeDifference | None,
+        forces: np.ndarray = NO_FORCES,
     ) -> Sequence[SlidingPoints]:
         """Return the points that slide at x and t: a `SlidingPoints` for each kind that touches.
 
@@ -159,17 +163,22 @@ class BoundObstacle(BoundContact):
         """
         pose = self.shape.pose(t)
         all_sliding = []
-        for contacts in self.touching(x, t):
+        touching = self.touching(x, t)
+        ends = np.cumsum([len(contacts.s) for contacts in touching])
+        for contacts, end in zip(touching, ends, strict=True):
             gradient, _ = contacts.slopes
             # The length of ∇d is not 1 where the distance is a formula.
             gradient_length = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
+            normal_force = self.normal_force(contacts) * gradient_length
+            if len(forces):
+                normal_force = forces[end - len(contacts.s) : end]
             if difference is None:
                 surface = self.shape.velocity(pose.to_space(contacts.y), t)
             else:
                 surface = self.shape.velocity_by(contacts.y, difference)
             sliding = SlidingPoints(
                 contacts=contacts,
-                limit=self.friction * self.normal_force(contacts) * gradient_length,
+                limit=self.friction * normal_force,
                 n=gradient / gradient_length[:, None],
                 surface=surface,
                 eps=self.creep,

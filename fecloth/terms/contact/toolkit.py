@@ -305,21 +305,37 @@ class ContactSets:
         return normals, d, energies
 
     def pushes(self, x: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-        """Return the gradients ∇d (m, 3n) and forces −dE/dd (m,) [N] of the m contacts at x."""
+        """Return the gradients ∇d (m, 3n) and forces −dE/dd (m,) [N] of the m contacts at x.
+
+        They are in the order of `_order`.
+        """
         normals, d, energies = self.pairs(x)
         span = (self.gap + self.thickness) ** 2 - self.thickness**2
         s = (d**2 - self.thickness**2) / span
         acts = s < 1 - LEAST_DEPTH_OVER_GAP
         any_s = np.where(acts, s, 0.5)  # 0.5: any s with b(s) > 0, where a pair does not act
         force_over_energy = barrier.pressure(any_s) / barrier.value(any_s) * 2 * d / span
-        return normals, np.where(acts, energies * force_over_energy, 0.0)
+        order = self._order(x)
+        return normals[order], np.where(acts, energies * force_over_energy, 0.0)[order]
 
-    def lag(self, x: np.ndarray, friction: float) -> Any:
+    def _order(self, x: np.ndarray) -> np.ndarray:
+        """(m,) numbers of the contacts at x by their nodes: the order of the toolkit changes."""
+        return np.lexsort(nodes_of(self.at(x), self.mesh).T)
+
+    def lag(self, x: np.ndarray, friction: float, forces: np.ndarray) -> Any:
         """Return the toolkit's record of the contacts that slide at x (n, 3).
 
         It holds their normal forces and directions of sliding, for the coefficient `friction` μ.
+        The normal forces are those of the barrier, or the `forces` (m,) [N], as of `pushes`.
         """
         contacts = self.at(x)
+        if len(forces):
+            order = self._order(x)
+            _, pushes = self.pushes(x)
+            parts = np.divide(forces, pushes, out=np.ones_like(forces), where=pushes > 0.0)
+            for number, part in zip(order.tolist(), parts, strict=True):
+                contacts[number].weight *= part
+            self._last = None  # `at` would return these contacts, and now they weigh differently
         lagged = self.toolkit.TangentialCollisions()
         lagged.build(self.mesh, self.nodes(x), contacts, self.potential, friction)
         return lagged

@@ -13,7 +13,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.surface import find_intersections
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
-from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
+from fecloth.terms.contact.bound_contact import NO_FORCES, BoundContact, Rubbing
 from fecloth.terms.contact.friction import CREEP_OVER_EXTENT
 from fecloth.terms.contact.inside import MOST_NAMED
 from fecloth.terms.contact.shape import Shape, TimeDifference
@@ -121,7 +121,11 @@ class BoundTriangleContact(BoundContact):
         return sum(matrices[1:], start=matrices[0])
 
     def lag(
-        self, x: np.ndarray, t: float, difference: TimeDifference | None
+        self,
+        x: np.ndarray,
+        t: float,
+        difference: TimeDifference | None,
+        forces: np.ndarray = NO_FORCES,
     ) -> Sequence[SlidingTriangles]:
         """Return what slides at x (n, 3) and the time t, in a list of one entry.
 
@@ -133,7 +137,7 @@ class BoundTriangleContact(BoundContact):
             surface = self.body.velocity(x, t)
             if difference is not None:
                 surface = self.body.velocity_by(y, difference)
-        lagged = self.sets.lag(y, self.friction)
+        lagged = self.sets.lag(y, self.friction, forces)
         sliding = SlidingTriangles(
             sets=self.sets,
             lagged=lagged,
