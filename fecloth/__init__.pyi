@@ -54,6 +54,7 @@ from .study.tuning import tune
 from .study.tuning_result import Tuned
 from .system.lay_down import lay_down
 from .system.pins import Pin, Slide
+from .system.seams import Seam
 from .system.space_error import SpaceError, space_error
 from .system.state import State
 from .system.system import System
@@ -155,6 +156,7 @@ __all__ = [
     "Rotation",
     "SceneError",
     "SceneResult",
+    "Seam",
     "SelfContact",
     "Slide",
     "SolveFailed",

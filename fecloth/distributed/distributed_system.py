@@ -185,6 +185,10 @@ class DistributedSystem(System):
     def parts(self) -> list[partition.Part]:
         """The part of each process; terms and pins that cannot be shared are refused."""
         _refuse_unshared(self.terms)
+        if self.seams:
+            remedy = "Run on one process."
+            what = self.seams[0].label
+            raise InputError(what, "cannot be sewn on several processes yet", "mpiexec", remedy)
         if self.releases:
             what = f"a pin with until = {self.releases[0]:g} s"
             remedy = "Run on one process."

@@ -188,7 +188,10 @@ def _derive_unknown(
     opening_plus, opening_minus = openings
     q = solution.q
 
+    follow = solution.opening.system.constraints.followers.follow
+
     def residual(dq: np.ndarray) -> np.ndarray:
+        dq = follow(dq.copy())
         plus: np.ndarray = opening_plus.residual(q + size * dq)
         minus: np.ndarray = opening_minus.residual(q - size * dq)
         derivative: np.ndarray = (plus - minus) / (2 * size)
@@ -217,7 +220,8 @@ def _derive_unknown(
     for name, contraction in corrected.contractions.items():
         with_safety = CONTRACTION_SAFETY * contraction
         contractions[name] = max(contractions.get(name, 0.0), with_safety)
-    return corrected.y
+    dq: np.ndarray = follow(corrected.y)
+    return dq
 
 
 def _smallest_scale(opening: Any, along: Along) -> float:

@@ -296,7 +296,8 @@ def acceleration(system: System, state: State) -> np.ndarray:
 
     Its part along held directions is not removed here: `set_held` sets what it has changed.
     """
-    return system.force(state) * (1.0 / system.nodal_mass)[:, None]
+    a: np.ndarray = system.force(state) * system.inverse_mass[:, None]
+    return a
 
 
 def set_held(system: System, state: State, end: State) -> State:

@@ -28,7 +28,8 @@ from fecloth.integrators.fused_loops import Fields, Held, Pauses, copy, take_ste
 from fecloth.integrators.step import Step
 from fecloth.linalg.reductions import dot
 from fecloth.nonlinear.statistics import Counts
-from fecloth.system.constraints import MotionRows
+from fecloth.system.motion_rows import MotionRows
+from fecloth.system.sewn_nodes import SewnNodes, follow_rows
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import fill_extreme_stretches
@@ -151,6 +152,13 @@ class FusedSteps:
             before.append((copy, (moves.x, moves.old_x)))
         if after:  # only the calls at the end need the old velocity
             before.append((copy, (moves.v, moves.old_v)))
+        followers = system.constraints.followers
+        if isinstance(followers, SewnNodes):
+            x, ahead, v = (
+                (follow_rows, (*followers.rows, y)) for y in (fields.x, fields.ahead, fields.v)
+            )
+            forces = [x, ahead, *forces, *followers.gather_calls(fields.f)]
+            after.insert(0, v)
         stretches = np.zeros(2)
         return cls(
             system=system,
@@ -368,7 +376,7 @@ def _make_fields(system: System) -> Fields:
         ahead=np.zeros_like(x),
         f=np.zeros_like(x),
         mass=mass,
-        inverse_mass=np.repeat(1.0 / mass, 3),
+        inverse_mass=np.repeat(system.inverse_mass, 3),
     )
 
 

@@ -80,7 +80,7 @@ class LinearOpening:
             f += system.assemble(D, begin, wv=1.0, definite=self.definite) @ begin.v
         for c, u in dense:
             f -= self.dt * c * system.sums.dot(u, v) * u
-        free: np.ndarray = system.constraints.project(-remainder(A, f, v))
+        free: np.ndarray = system.constraints.reduce(-remainder(A, f, v))
         return free
 
     def tangent(self, q: np.ndarray, J: BlockMatrix) -> BlockMatrix:
@@ -120,10 +120,8 @@ class LinearlyImplicitEuler(OpensSteps):
         """Open a step, whose unknown q is Δv of the free directions."""
         system, state, dt, memory, history = begin
         end = begin.end
-        constraints = system.constraints
-        held = np.zeros_like(state.v)
         needed_v = (end.x - state.x) / dt  # moves x to its prescribed end
-        held[constraints.nodes] = constraints.held_part(needed_v - state.v)
+        held = system.constraints.correction(needed_v - state.v)
         return LinearOpening(
             system=system,
             over=begin.over,
@@ -182,18 +180,18 @@ def _velocity_change(opening: LinearOpening, solver: SolverContext) -> tuple[np.
     seconds = {"assemble": time.perf_counter() - began}
     solver.begin(dt, 1.0 / dt, begin.x)
     linear.prepare(J)
-    project = system.constraints.project
+    constraints = system.constraints
     guess = opening.guess
     if guess is not None:
-        guess = project(guess.copy())
-    updates = [(dt * c, project(u)) for c, u in dense]
+        guess = constraints.project(guess.copy())
+    updates = [(dt * c, constraints.reduce(u)) for c, u in dense]
     options = solver.options
     rtol = RESIDUAL_OF_AUTO if options.tolerance == "auto" else options.tolerance
     free, infos = solve_updated(linear, updates, b, rtol, guess)
     seconds["factor"] = infos[0].seconds_factor
     seconds["solve"] = sum(info.seconds_solve for info in infos)
     iterations = sum(info.iterations for info in infos)
-    return free, Counts(
+    return constraints.followers.follow(free), Counts(
         newton=1,
         linear=iterations,
         modified=int(opening.definite),

@@ -132,6 +132,7 @@ class Directions:
         updates = self.equation.updates(point.y)
         dot = self.system.sums.dot
         project = self.system.constraints.project
+        step = project(step)
         s = np.zeros_like(step)  # the solution so far
         r = -point.R  # its residual
         z = step  # the residual, preconditioned
@@ -141,7 +142,7 @@ class Directions:
             q = project(K @ p + sum(c * dot(u, p) * u for c, u in updates))
             curvature = dot(p, q)
             if curvature <= 0:
-                return p
+                return self.system.constraints.followers.follow(p)
             s = s + rz / curvature * p
             r = r - rz / curvature * q
             if self.system.sums.norm(r) <= ROUGH_RESIDUAL * point.norm:
@@ -151,7 +152,7 @@ class Directions:
             rz_before = rz
             rz = dot(r, z)
             p = z + rz / rz_before * p
-        return s
+        return self.system.constraints.followers.follow(s)
 
     def _solve(
         self, point: Point, least_rtol: float = 0.0, is_new_factor: bool = False
@@ -169,4 +170,4 @@ class Directions:
         if is_new_factor:  # a factor that is used again has been counted
             self.costs.seconds["factor"] += infos[0].seconds_factor
         self.costs.seconds["solve"] += sum(info.seconds_solve for info in infos)
-        return self.system.constraints.project(step)
+        return self.system.constraints.expand(step)

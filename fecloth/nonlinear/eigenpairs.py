@@ -131,9 +131,9 @@ class _Pencil:
         """Assemble K and M at a state; with `unit_mass` M is the identity."""
         K = system.assemble(BlockMatrix.zeros(system.pattern, system.team), state, wx=1.0)
         asymmetry = 0.0 if system.symmetric else symmetrise(system, K)
-        project = system.constraints.project
+        reduce = system.constraints.reduce
         Z = system.admissible
-        updates = [(c, project(u)) for c, u in system.dense(state)]
+        updates = [(c, reduce(u)) for c, u in system.dense(state)]
         n = len(state.x)
         if unit_mass:
             nodal = sparse.identity(n, format="csr")
@@ -178,7 +178,7 @@ class _Pencil:
             update.require_definite(self.updates)
 
         def apply(b: np.ndarray) -> np.ndarray:
-            whole = (Z @ b.ravel()).reshape(-1, 3)
+            whole = self.system.constraints.project((Z @ b.ravel()).reshape(-1, 3))
             y, _ = solver.solve(whole, LINEAR_RESIDUAL)
             if update:  # the parts of low rank, which are not in the matrix
                 y = update.apply(y)

@@ -143,5 +143,5 @@ def admit(system: System, x: np.ndarray, t: float) -> np.ndarray | None:
     ways_of_contact = [way for way in ways if way is not None]
     if not ways_of_contact:
         return x
-    project = system.constraints.project
-    return find_guess(ways_of_contact, x, lambda guess: x + project(guess - x))
+    expand = system.constraints.expand
+    return find_guess(ways_of_contact, x, lambda guess: x + expand(guess - x))

@@ -220,7 +220,7 @@ def _difference(plus: _Side, minus: _Side, x_plus: np.ndarray, x_minus: np.ndarr
         if not (are_same_places and term_plus is term_minus):
             force += factor * _force(term_plus, at_plus, t)
             force -= factor * _force(term_minus, at_minus, t)
-    return plus.increment.system.constraints.project(force)
+    return plus.increment.system.constraints.reduce(force)
 
 
 def _force(term: BoundTerm, x: np.ndarray, t: float) -> np.ndarray:

@@ -411,7 +411,8 @@ def measure_deviation(
 
 def moves(system: System) -> bool:
     """Whether pins or obstacles move with time."""
-    pins = any(pin.moves for pin, _ in system.constraints.groups.values())
+    constraints = system.constraints
+    pins = any(pin.moves for pin, _ in constraints.groups.values()) or constraints.followers.closes
     return pins or any(term.supplies and term.limits_direction for term in system.bound)
 
 
@@ -557,7 +558,7 @@ def _first_guess(
     if rate is None:
         guess = increment.stretched
     else:
-        guess = increment.carried + increment.system.constraints.project(increment.size * rate)
+        guess = increment.carried + increment.system.constraints.expand(increment.size * rate)
     if not has_limits(increment.system):
         return guess
     allowed = admit(equation.system, guess, increment.end)

@@ -138,7 +138,7 @@ class JoinedStage:
         for f in self.arrays.own_forces:
             R -= f
             scale += system.force_size(f)
-        return system.constraints.project(R), scale
+        return system.constraints.reduce(R), scale
 
     def can_assemble(self, definite: bool) -> bool:
         """Whether the tangents, or definite ones, of all terms are joined calls."""
@@ -199,8 +199,9 @@ class JoinedStage:
         return [
             (clear, (arrays.f.reshape(-1),)),
             *of_terms,
+            *constraints.followers.gather_calls(arrays.f),
             (balance, (mass.indptr, mass.indices, mass.data, arrays.a, arrays.f, arrays.R)),
-            (project_rows, (constraints.nodes, constraints.projectors, arrays.R)),
+            (project_rows, (*constraints.without_own, arrays.R)),
         ]
 
     def _calls_of_own_forces(self) -> list[AnyCall] | None:

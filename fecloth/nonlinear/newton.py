@@ -144,7 +144,7 @@ class StageEquation:
             term.add_force(x, v, self.stage.t, f)
             R -= f
             scale += system.force_size(f)
-        return system.constraints.project(R), scale
+        return system.constraints.reduce(R), scale
 
     def push(self, q: np.ndarray) -> float:
         """The size [N] of the forces at q with which `ErrorLeft.push` compares the residual.
@@ -197,9 +197,8 @@ class StageEquation:
 
     def updates(self, q: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """(wx c, u) of the dense parts of K."""
-        project = self.system.constraints.project
         dense = self.system.dense(self.state(q))
-        return [(self.stage.wx * c, project(u)) for c, u in dense]
+        return [(self.stage.wx * c, self.system.constraints.reduce(u)) for c, u in dense]
 
     def key(self, remedy: Remedy) -> tuple:
         """The system, the weights of K, D and M, and whether K and D are definite."""
@@ -242,7 +241,7 @@ def solve(
     solver.last_stage.begin(system, stage, matrix)
     equation = StageEquation(system, stage, solver.options.definiteness, solver.last_stage)
     zero = np.zeros_like(stage.x)
-    q = zero if guess is None else system.constraints.project(guess.copy())
+    q = zero if guess is None else system.constraints.expand(guess.copy())
     if has_limits(system):
         q, zero = _admit_starts(system, stage, [q, zero])
     if (potential := equation.potential) and potential(zero) < potential(q):
@@ -278,7 +277,7 @@ def _admit_starts(
         if allowed is None:
             continue
         if allowed is not x:  # move q, so that x(q) is where the contacts allow it
-            q = q + system.constraints.project((allowed - x) / stage.wx)
+            q = q + system.constraints.expand((allowed - x) / stage.wx)
         guesses.append(q)
     if not guesses:
         reason = "no positions were found for the start of its iteration that all contacts allow"

@@ -88,14 +88,11 @@ def prescribed(system: System, stage: Stage, state: State, dt: float, end: State
         if shape != state.x.shape:
             what = f"stage.{name} of shape {shape}"
             raise InputError(what, f"must be {state.x.shape}", "step")
-    held_part = system.constraints.held_part
-    held_nodes = system.constraints.nodes
-    if not len(held_nodes):
+    constraints = system.constraints
+    if not len(constraints.without_own[0]):
         return stage
-    held_q = np.zeros_like(stage.x)
-    added_a = np.zeros_like(stage.x)
-    held_q[held_nodes] = held_part((end.x - stage.x_end) / stage.w_end)
-    added_a[held_nodes] = held_part((end.v - state.v) / dt - stage.a)
+    held_q = constraints.correction((end.x - stage.x_end) / stage.w_end)
+    added_a = constraints.correction((end.v - state.v) / dt - stage.a)
     return replace(
         stage,
         x=stage.x + stage.wx * held_q,

@@ -119,7 +119,7 @@ class StaticEquation:
             term.add_force(state.x, state.v, t, f)
             total += factor * f
             scale += factor * self.system.force_size(f)
-        return self.system.constraints.project(total), scale
+        return self.system.constraints.reduce(total), scale
 
     def largest_step(self, x: np.ndarray, step: np.ndarray) -> float:
         """The largest α for which all contacts allow x + α step."""
@@ -157,7 +157,7 @@ class StaticEquation:
             part = term.dense(x, t)
             if part is not None:
                 c, u = part
-                updates.append((factor * c, self.system.constraints.project(u)))
+                updates.append((factor * c, self.system.constraints.reduce(u)))
         return updates
 
     def key(self, remedy: Remedy) -> tuple:

@@ -201,7 +201,7 @@ class Steps:
             takes_it = self.equation.takes_short_solves and before.search.has_clamped_enough
             if failure.so_far is None or not takes_it:
                 raise
-            return self.shorten(self.system.constraints.project(failure.so_far), before), True
+            return self.shorten(self.system.constraints.expand(failure.so_far), before), True
         if remedy.shift and before.slow_steps >= SLOW_STEPS:
             return self.directions.refine(before.point, step), False
         return step, False

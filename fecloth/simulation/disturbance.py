@@ -27,7 +27,7 @@ def lift_by_waves(system: System, x: np.ndarray, height: float, seed: int) -> np
 def lift(system: System, x: np.ndarray, height: np.ndarray) -> np.ndarray:
     """Return x (n, 3) with the free nodes moved by heights (n,) [m] along the mean normal."""
     normal = _mean_normal(x[system.cloth.triangles[:, :3]])
-    moved: np.ndarray = x + system.constraints.project(height[:, None] * normal)
+    moved: np.ndarray = x + system.constraints.expand(height[:, None] * normal)
     return moved
 
 

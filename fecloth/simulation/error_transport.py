@@ -121,8 +121,9 @@ class Transport:
     def _stage(self, a: np.ndarray, b: np.ndarray) -> Error:
         """Return the error at the end of a stage, from what is known before it."""
         h = GAMMA * self.seconds
-        project = self.system.constraints.project
-        a = project(a)
-        load = project(self.system.mass_times(b) - h * (self.K @ a))
+        constraints = self.system.constraints
+        a = constraints.expand(a)
+        load = constraints.reduce(self.system.mass_times(b) - h * (self.K @ a))
         v, _ = self.solver.solve(load, RTOL_OF_TRANSPORT)
+        v = constraints.followers.follow(v)
         return Error(a + h * v, v)

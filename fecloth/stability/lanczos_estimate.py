@@ -154,7 +154,7 @@ class _Products:
         faster by at most `VELOCITY_PUSH`.
         """
         state = self.state
-        z = y.reshape(-1, 3) / self.root_mass
+        z = self.system.constraints.followers.follow(y.reshape(-1, 3) / self.root_mass)
         if wx:
             largest_push = RELATIVE_PUSH * self.edge / wx
         else:

@@ -46,7 +46,7 @@ def place_on(setup: Setup, coarser: Cloth, displacement: np.ndarray) -> State:
     if setup.t_end is not None:  # in load steps the part of the loads is the time of pins
         held, _ = constraints.target(start.t, setup.t_end - start.t, start.x)
         t = setup.t_end
-    free = constraints.project(start.x + moved - held)
+    free = constraints.expand(start.x + moved - held)
     return State(t, held + free, np.zeros_like(held))
 
 

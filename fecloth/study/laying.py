@@ -86,5 +86,5 @@ def _flat(setup: Setup) -> np.ndarray:
     plane = places @ np.linalg.lstsq(places, x, rcond=None)[0]
     if np.abs(plane - x).max() > NEARLY_FLAT * setup.cloth.extent:
         return x
-    flat: np.ndarray = x + setup.system.constraints.project(plane - x)
+    flat: np.ndarray = x + setup.system.constraints.expand(plane - x)
     return flat

@@ -13,6 +13,7 @@ from fecloth.compiled.jit import Array, rounded_kernel
 from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
+from fecloth.system.followers import NO_FOLLOWERS, Followers
 from fecloth.system.pins import Motion, Pin
 
 # Products of what is not finite give no warnings here: the solvers look for it.
@@ -73,11 +74,15 @@ class Constraints:
     projectors
         (c, 3, 3) the projector P onto the free directions of each of them. It is 0 for a pinned
         node, and of rank 1 or 2 for one that slides.
+    followers
+        The nodes that follow others. They are none of the nodes above, and have no free
+        direction of their own either.
     """
 
     groups: dict[str, tuple[Pin, np.ndarray]]
     nodes: np.ndarray
     projectors: np.ndarray
+    followers: Followers = NO_FOLLOWERS
 
     @classmethod
     def bind(cls, pins, cloth: Cloth, check: bool = True) -> Self:
@@ -98,6 +103,13 @@ class Constraints:
             if not isinstance(pin.motion, Motion):  # a user's function: an early error
                 for value in (pin.displacement(0.0), pin.speed(0.0, since=0.0)):
                     pin.check_shape(value, len(nodes))
+        return cls.of(groups, cloth, check)
+
+    @classmethod
+    def of(
+        cls, groups: dict[str, tuple[Pin, np.ndarray]], cloth: Cloth, check: bool = True
+    ) -> Self:
+        """The constraints of pins on their nodes, by name; see `bind`."""
         held = np.concatenate([nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)])
         nodes, first, times = np.unique(held, return_index=True, return_counts=True)
         if check:
@@ -107,10 +119,25 @@ class Constraints:
             projectors.append(np.tile(pin.projector, (len(its_nodes), 1, 1)))
         return cls(groups, nodes, np.concatenate(projectors)[first])
 
+    @cached_property
+    def without_own(self) -> tuple[np.ndarray, np.ndarray]:
+        """The constrained nodes and those that follow, and the projectors, 0 for the latter."""
+        nodes = np.concatenate([self.nodes, self.followers.nodes])
+        still = np.zeros((len(self.followers.nodes), 3, 3))
+        return nodes, np.concatenate([self.projectors, still])
+
     def project(self, y: np.ndarray) -> np.ndarray:
-        """P y in place, y (n, 3)."""
-        project_rows(self.nodes, self.projectors, y)
+        """P y in place, y (n, 3): 0 for nodes that follow."""
+        project_rows(*self.without_own, y)
         return y
+
+    def reduce(self, f: np.ndarray) -> np.ndarray:
+        """P Tᵀ f in place: the part of forces (n, 3) that moves the free directions."""
+        return self.project(self.followers.gather(f))
+
+    def expand(self, y: np.ndarray) -> np.ndarray:
+        """T P y in place: the motion of all nodes with that of the free directions."""
+        return self.followers.follow(self.project(y))
 
     def _free_part(self, rows: np.ndarray) -> np.ndarray:
         """P of rows (c, 3) of the constrained nodes, with sums in the order of `fused_loops`."""
@@ -118,9 +145,11 @@ class Constraints:
         return P[:, :, 0] * rows[:, :1] + P[:, :, 1] * rows[:, 1:2] + P[:, :, 2] * rows[:, 2:]
 
     def project_matrix(self, A: sparse.spmatrix) -> sparse.csr_matrix:
-        """Return P A P of a sparse matrix A (3n, 3n), with P for all nodes."""
-        held = np.eye(3) - self.projectors
-        dofs = 3 * self.nodes[:, None] + np.arange(3)
+        """Return P Tᵀ A T P of a sparse matrix A (3n, 3n), with P for all nodes."""
+        A = self.followers.condense(A)
+        nodes, projectors = self.without_own
+        held = np.eye(3) - projectors
+        dofs = 3 * nodes[:, None] + np.arange(3)
         rows = np.repeat(dofs, 3, axis=1).ravel()
         columns = np.tile(dofs, (1, 3)).ravel()
         # P differs from the unit matrix in the blocks of the constrained nodes alone
@@ -140,10 +169,21 @@ class Constraints:
 
     @QUIET
     def set_held(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """P y + (I − P) target, in place."""
+        """P y + (I − P) target, in place; nodes that follow are where their leaders say."""
         held = target[self.nodes]
         y[self.nodes] = held + self._free_part(y[self.nodes] - held)
+        self.followers.place(y, target)
         return y
+
+    def correction(self, left: np.ndarray) -> np.ndarray:
+        """What to add to y (n, 3), which is `left` from its target: held directions reach it.
+
+        Nodes that follow are then where their leaders say.
+        """
+        change = np.zeros_like(left)
+        change[self.nodes] = self.held_part(left)
+        change[self.followers.nodes] = self.followers.gap(left - change)
+        return change
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the prescribed positions and velocities (n, 3) at t + dt.
@@ -152,9 +192,10 @@ class Constraints:
         directions only. If no pin moves, the position is x itself, not a copy.
         """
         v = np.zeros_like(x)
-        if self._moved:
+        old = x
+        if self.moved or self.followers.closes:
             x = x.copy()
-        for group in self._moved:
+        for group in self.moved:
             before = group.displacement(t)
             after, speed = group.end(t + dt, since=t)
             if group.pin.rotate is None:
@@ -164,10 +205,12 @@ class Constraints:
                 here = x[group.nodes]
                 x[group.nodes], v[group.nodes] = turn(group.pin, t, t + dt, here, before, after)
                 v[group.nodes] += speed
+        if x is not old:
+            self.followers.close(t, t + dt, old, x, v)
         return x, v
 
     @cached_property
-    def _moved(self) -> list[_MovedGroup]:
+    def moved(self) -> list[_MovedGroup]:
         """The pins that move, each with the nodes that no pin before it holds."""
         groups = []
         taken = np.zeros(0, np.int64)
@@ -204,19 +247,22 @@ class Constraints:
             remedy = "Use System.admissible, a basis of the free directions."
             raise InputError(what, "the free dofs are defined along the axes", "System", remedy)
         held = (3 * self.nodes[:, None] + np.arange(3))[diagonal < 0.5]
-        return np.setdiff1d(np.arange(3 * n), held)
+        follow = 3 * self.followers.nodes[:, None] + np.arange(3)
+        return np.setdiff1d(np.arange(3 * n), np.append(held, follow))
 
     def count_free(self, n: int) -> int:
         """Number of the directions that the pins leave free: the columns of `admissible`."""
-        return 3 * (n - len(self.nodes)) + int(np.rint(np.einsum("cii->", self.projectors)))
+        nodes, projectors = self.without_own
+        return 3 * (n - len(nodes)) + int(np.rint(np.einsum("cii->", projectors)))
 
     def admissible(self, n: int) -> sparse.csc_matrix:
-        """Return an orthonormal basis of the velocities of n nodes that the pins allow.
+        """Return a basis of the velocities of n nodes that the pins allow: orthonormal but for
+        nodes that follow others.
 
         It is a matrix (3n, f), with a column for each of the f free directions: first three unit
         vectors for each node without a pin, then the free directions of those that slide.
         """
-        unpinned = np.setdiff1d(np.arange(n), self.nodes)
+        unpinned = np.setdiff1d(np.arange(n), self.without_own[0])
         # a projector has the eigenvalue 1 in each free direction, and else 0
         values, vectors = np.linalg.eigh(self.projectors)  # columns of vectors
         sliding, number = np.nonzero(values > 0.5)
@@ -229,7 +275,7 @@ class Constraints:
         columns = np.concatenate([unit_columns, np.repeat(slide_columns, 3)])
         data = np.concatenate([np.ones(unit_count), vectors[sliding, :, number].ravel()])
         shape = 3 * n, unit_count + slide_count
-        return sparse.csc_matrix((data, (rows, columns)), shape=shape)
+        return self.followers.extend(sparse.csc_matrix((data, (rows, columns)), shape=shape))
 
 
 def _refuse_conflicts(
@@ -302,7 +348,7 @@ def _free_name(name: str, taken) -> str:
 
 @dataclass(frozen=True, eq=False)
 class MatrixProjection:
-    """P A P + (I − P) s on a fixed pattern, in place; s is the mean of the node's diagonal.
+    """P Tᵀ A T P + (I − P) s on a fixed pattern, in place; s is the mean of the node's diagonal.
 
     Attributes
     ----------
@@ -316,6 +362,8 @@ class MatrixProjection:
         (c + 1, 3, 3) P of the constrained nodes, and I for all others.
     diagonal
         (c,) the diagonal blocks of the constrained nodes.
+    source, sink, weights
+        (e,) each block `source` of a node that follows is added with its weight to a `sink`.
     """
 
     blocks: np.ndarray
@@ -323,19 +371,26 @@ class MatrixProjection:
     right: np.ndarray
     projectors: np.ndarray
     diagonal: np.ndarray
+    source: np.ndarray
+    sink: np.ndarray
+    weights: np.ndarray
 
     @classmethod
     def bind(cls, constraints: Constraints, pattern: BlockPattern) -> Self:
         """Find the blocks in the rows and the columns of the constrained nodes, in a pattern."""
-        c = len(constraints.nodes)
+        nodes, projectors = constraints.without_own
+        c = len(nodes)
         row_of_node = np.full(len(pattern), c)  # of `projectors`; the last row is for all others
-        row_of_node[constraints.nodes] = np.arange(c)
+        row_of_node[nodes] = np.arange(c)
         left = row_of_node[pattern.rows]
         right = row_of_node[pattern.indices]
         blocks = np.flatnonzero((left < c) | (right < c))
-        projectors = np.concatenate([constraints.projectors, np.eye(3)[None]])
-        diagonal = pattern.diagonal[constraints.nodes].astype(np.int64)
-        return cls(blocks, left[blocks], right[blocks], projectors, diagonal)
+        projectors = np.concatenate([projectors, np.eye(3)[None]])
+        diagonal = pattern.diagonal[nodes].astype(np.int64)
+        source, rows, columns, weights = constraints.followers.spread(pattern)
+        sink = pattern.slots(np.column_stack([rows, columns]).astype(np.int32))[:, 0, 1]
+        sides = left[blocks], right[blocks]
+        return cls(blocks, *sides, projectors, diagonal, source, sink, weights)
 
     def apply(self, A: BlockMatrix) -> None:
         """Project A in place."""
@@ -346,7 +401,8 @@ class MatrixProjection:
         """The call that projects A."""
         scale = np.empty(len(self.diagonal))
         arrays = self.blocks, self.left, self.right, self.projectors, self.diagonal, scale
-        return project_blocks, (*arrays, A.values)
+        moved = self.source, self.sink, self.weights
+        return project_blocks, (*arrays, *moved, A.values)
 
 
 @rounded_kernel
@@ -367,15 +423,22 @@ def project_blocks(
     P: Array,
     diagonal: Array,
     scale: Array,
+    source: Array,
+    sink: Array,
+    weights: Array,
     values: Array,
 ) -> None:
-    """P A P + (I − P) s with the blocks `values` of A; see `MatrixProjection`.
+    """P Tᵀ A T P + (I − P) s with the blocks `values` of A; see `MatrixProjection`.
 
     `scale` (c,) is work space, for s of each constrained node.
     """
+    for e in range(len(source)):
+        values[sink[e]] += weights[e] * values[source[e]]
     for n in range(len(diagonal)):
         own = values[diagonal[n]]
         scale[n] = (own[0, 0] + own[1, 1] + own[2, 2]) / 3
+        if scale[n] == 0.0:  # a node that follows has no mass
+            scale[n] = 1.0
     PA = np.empty((3, 3))
     for k in range(len(blocks)):
         A = values[blocks[k]]
@@ -393,53 +456,3 @@ def project_blocks(
             for j in range(3):
                 identity = 1.0 if i == j else 0.0
                 own[i, j] += scale[n] * (identity - P[n, i, j])
-
-
-@dataclass(frozen=True, eq=False)
-class MotionRows:
-    """What `Constraints.target` adds in each of several steps.
-
-    `path` and `speed` have one row for all steps where no pin moves.
-
-    Attributes
-    ----------
-    times
-        (s + 1,) the begin and the ends of the steps [s].
-    sizes
-        (s,) their sizes [s].
-    reached
-        (s,) begin plus size [s], which may differ from the end by round-off.
-    path
-        (s, c, 3) displacement of the constrained nodes over each step [m].
-    speed
-        (s, c, 3) their velocity at the end of each step [m/s].
-    """
-
-    times: np.ndarray
-    sizes: np.ndarray
-    reached: np.ndarray
-    path: np.ndarray
-    speed: np.ndarray
-
-    @classmethod
-    def can_evaluate(cls, constraints: Constraints) -> bool:
-        """Whether the motion does not depend on where the nodes are."""
-        return all(pin.rotate is None for pin, _ in constraints.groups.values())
-
-    @classmethod
-    def evaluate(cls, constraints: Constraints, times: np.ndarray, sizes: np.ndarray) -> Self:
-        """Evaluate the motion of the pins in s steps.
-
-        `times` (s + 1,) are the begin and the ends of the steps [s], and `sizes` (s,) their
-        sizes [s]. The pins must not rotate, see `can_evaluate`.
-        """
-        moved = constraints._moved
-        reached = times[:-1] + sizes
-        rows = len(sizes) if moved else 1
-        shape = rows, len(constraints.nodes), 3
-        path = np.zeros(shape)
-        speed = np.zeros(shape)
-        for group in moved:
-            at = np.searchsorted(constraints.nodes, group.nodes)
-            path[:, at], speed[:, at] = group.rows(times[:-1], reached)
-        return cls(times, sizes, reached, path, speed)

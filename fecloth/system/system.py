@@ -52,6 +52,7 @@ class Arguments:
     grain: float | Mapping[str, float]
     start: State | None
     threads: int | str
+    seams: tuple = ()
 
 
 @checks_arguments
@@ -84,6 +85,8 @@ class System:
         Threads that share the loops of forces, tangents, solvers and explicit steps: a number,
         or "auto", the default, for all cores wherever they are faster than one. The results
         are the same to the last bit.
+    seams
+        `Seam` objects: edges that are sewn to others.
 
     Examples
     --------
@@ -111,19 +114,21 @@ class System:
         start=None,
         *,
         threads="auto",
+        seams=(),
     ):
         validation.instance(
             "cloth", cloth, Cloth, "Cloth.rectangle(1.0, 1.0, h=0.05), before the fabric", "System"
         )
         terms = _check_list(terms, "terms", "StVK()", protocol.is_description)
         pins = _check_list(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
+        seams = _check_list(seams, "seams", 'Seam("left", "right")', lambda s: hasattr(s, "sew"))
         mass = cloth.usual_mass if mass is None else mass
         _check_elements(terms, cloth.element)
         if start is not None and not (isinstance(start, State) and len(start.x) == len(cloth.X)):
             allowed = f"must be a State of {len(cloth.X)} nodes, or None"
             remedy = "Make it by system.state(x, v) of a system on this cloth."
             raise InputError(f"start = {brief(start)}", allowed, "System", remedy)
-        self._arguments = Arguments(cloth, fabric, terms, pins, mass, grain, start, threads)
+        self._arguments = Arguments(cloth, fabric, terms, pins, mass, grain, start, threads, seams)
         base = reuse.base.get()
         if base is not None:
             self._take_equal_parts(base)
@@ -172,6 +177,11 @@ class System:
         """The number of threads that was asked for, or "auto"; `team` are the threads."""
         return self._arguments.threads
 
+    @property
+    def seams(self) -> tuple:
+        """The seams as they were given."""
+        return self._arguments.seams
+
     def replace(self, **changes: Any) -> Self:
         """A system with other arguments, as ``system.replace(pins=["left"])``.
 
@@ -216,7 +226,7 @@ class System:
         stencils differ.
         """
         given = self._arguments
-        names = ("cloth", "mass", "grain", "threads")
+        names = ("cloth", "mass", "grain", "threads", "seams")
         are_alike = all(
             same(getattr(given, name), getattr(base._arguments, name)) for name in names
         )
@@ -289,8 +299,9 @@ class System:
 
     @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:
-        """(n, n) mass matrix of one component [kg]."""
-        return self.cloth.mass(self.mass_kind, self.panel.density)
+        """(n, n) mass matrix of one component [kg]: Tᵀ M T, see `Followers`."""
+        mass = self.cloth.mass(self.mass_kind, self.panel.density)
+        return self.constraints.followers.gathered(mass)
 
     def mass_times(self, v: np.ndarray) -> np.ndarray:
         """M v, (n, 3); the lumped mass needs no sparse product."""
@@ -305,8 +316,17 @@ class System:
 
     @cached_property
     def nodal_mass(self) -> np.ndarray:
-        """(n,) row sums of the mass [kg]; zero at the corners of P2 if it is consistent."""
-        return self.panel.nodal_mass
+        """(n,) row sums of the mass [kg]; zero at the corners of P2 if it is consistent.
+
+        Nodes that follow others have none: it is with their leaders.
+        """
+        return self.constraints.followers.gathered(self.panel.nodal_mass)
+
+    @cached_property
+    def inverse_mass(self) -> np.ndarray:
+        """(n,) 1/m [1/kg], and 0 for nodes that follow others."""
+        m = self.nodal_mass
+        return np.divide(1.0, m, out=np.zeros(len(m)), where=m != 0)
 
     @cached_property
     def total_mass(self) -> float:
@@ -315,8 +335,13 @@ class System:
 
     @cached_property
     def diagonal_mass(self) -> np.ndarray:
-        """(n,) the lumped masses > 0 [kg], for norms and estimates with any mass."""
-        return self.cloth.diagonal_mass(self.panel.density)
+        """(n,) the lumped masses > 0 [kg], for norms and estimates with any mass.
+
+        Nodes that follow others keep theirs, too.
+        """
+        mass = self.cloth.diagonal_mass(self.panel.density)
+        total = self.constraints.followers.gathered(mass)
+        return np.where(total > 0, total, mass)
 
     @cached_property
     def layout(self) -> MatrixLayout:
@@ -325,7 +350,7 @@ class System:
         if self.mass_kind == "consistent":
             stencils.append(self.cloth.stencil)
         coupled = tuple(stencil for stencil in stencils if stencil is not None)
-        return MatrixLayout(len(self.cloth.X), coupled)
+        return MatrixLayout(len(self.cloth.X), self.constraints.followers.stencils(coupled))
 
     @property
     def pattern(self) -> BlockPattern:
@@ -355,8 +380,11 @@ class System:
 
     @cached_property
     def constraints(self) -> Constraints:
-        """The pins and slides on the cloth."""
-        return Constraints.bind(self.pins, self.cloth)
+        """The pins and slides on the cloth, and the nodes that follow others along seams."""
+        constraints = Constraints.bind(self.pins, self.cloth)
+        for seam in self.seams[:1]:
+            constraints = seam.sew(self.seams, self.cloth, constraints)
+        return constraints
 
     @cached_property
     def movable_pieces(self) -> tuple[Piece, ...]:
@@ -488,11 +516,14 @@ class System:
     # --- operators ----------------------------------------------------------------------------
 
     def force(self, state: State) -> np.ndarray:
-        """(n, 3) sum of all terms' forces [N]; the reactions of pins are not among them."""
+        """(n, 3) sum of all terms' forces [N]; the reactions of pins are not among them.
+
+        The forces on nodes that follow others act on their leaders.
+        """
         f = np.zeros_like(state.x)
         for term in self.bound:
             term.add_force(state.x, state.v, state.t, f)
-        return f
+        return self.constraints.followers.gather(f)
 
     def force_size(self, f: np.ndarray) -> float:
         """‖f‖ [N] with the reactions of the pins, without forces among what they hold."""
@@ -568,7 +599,7 @@ class System:
         return J.plus(self.constraints.project_matrix(part))
 
     def project(self, J: BlockMatrix) -> BlockMatrix:
-        """P J P + (I − P) s, in place: the block of a pinned node becomes a multiple of I."""
+        """P Tᵀ J T P + (I − P) s, in place: the block of a pinned node becomes a multiple of I."""
         self.projection.apply(J)
         return J
 
@@ -604,7 +635,7 @@ class System:
 
     @cached_property
     def admissible(self) -> sparse.csc_matrix:
-        """(3n, f) orthonormal basis Z of the motions that pins and slides allow.
+        """(3n, f) basis Z of the motions that pins, slides and seams allow.
 
         ZᵀKZ, ZᵀDZ and ZᵀMZ are the operators on the f degrees of freedom that are left. Without
         slides its columns are unit vectors, along `free`.

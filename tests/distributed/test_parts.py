@@ -5,7 +5,6 @@ import pytest
 from scipy import sparse
 from support.local_link import LocalLink
 from support.sliders import Sliders
-from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.distributed import distributed_system
@@ -123,10 +122,9 @@ def close(a, b, scale=None):
     assert np.abs(a - b).max() <= 1e-11 * max(scale, 1e-30)
 
 
-@pytest.mark.parametrize("parts", stories_except([2, 3], 3))
 @pytest.mark.parametrize("case", CASES)
-def test_forces_energies_and_stress(case, parts):
-    whole, apart, state = both(case, parts)
+def test_forces_energies_and_stress(case):
+    whole, apart, state = both(case, 3)
     assert apart.names == whole.names
     close(apart.force(state), whole.force(state))
     ours, theirs = apart.energies(state), whole.energies(state)
@@ -154,10 +152,9 @@ def test_forces_energies_and_stress(case, parts):
         assert one.work_of_clamps(*at) == pytest.approx(other.work_of_clamps(*at), 1e-9)
 
 
-@pytest.mark.parametrize("parts", stories_except([2, 3], 3))
 @pytest.mark.parametrize("case", CASES)
-def test_tangents(case, parts):
-    whole, apart, state = both(case, parts)
+def test_tangents(case):
+    whole, apart, state = both(case, 3)
     for definite in (False, True):
         J = BlockMatrix.zeros(whole.pattern)
         whole.project(whole.assemble(J, state, 0.9, 1.1, 130.0, definite))
@@ -168,9 +165,8 @@ def test_tangents(case, parts):
 
 
 @pytest.mark.parametrize("case", ["friction", "P2 friction"])
-@pytest.mark.parametrize("parts", stories_except([2, 3], 3))
-def test_the_history_of_friction_over_a_step(case, parts):
-    whole, apart, state = both(case, parts)
+def test_the_history_of_friction_over_a_step(case):
+    whole, apart, state = both(case, 3)
     begin = whole.state(whole.rest().x * [1, 1, 0] + 0.3 * state.x * [0, 0, 1])
     records = whole.start_history(begin), apart.start_history(begin)
     step = StepDifference.between(begin.x, 0.1, 0.6)
@@ -210,7 +206,7 @@ def test_terms_over_a_step(case, at_mean):
     assert all(len(w.terms) == len(apart.crew.here.system.bound) for w in apart.link.workers)
 
 
-@pytest.mark.parametrize("case", stories_except(["membranes", "P2"], "membranes"))
+@pytest.mark.parametrize("case", ["membranes", "P2"])
 def test_any_division_will_do(case, monkeypatch):
     """As pymetis divides a mesh: the nodes of a part do not follow one another."""
 

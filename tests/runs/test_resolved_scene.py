@@ -20,8 +20,8 @@ output = {{ frames = 2 }}
 SHELL = '{ type = "StVK" }, { type = "Gravity" }'
 FLOOR = 'type = "Obstacle", shape = { type = "Plane", point = [0, 0, -0.02], normal = [0, 0, 1] }'
 CASES = {
-    "central_difference": {"stiffness": 5.0, "terms": SHELL, "t_end": 0.3},
-    "generalized_alpha": {"stiffness": 1e5, "terms": SHELL, "t_end": 0.3},
+    "central_difference": {"stiffness": 5.0, "terms": SHELL, "t_end": 0.09},
+    "generalized_alpha": {"stiffness": 1e5, "terms": SHELL, "t_end": 0.09},
     "bdf2": {"stiffness": 1e3, "terms": f"{SHELL}, {{ {FLOOR} }}", "t_end": 0.08},
 }
 

@@ -40,7 +40,6 @@ every_steps = 2
 """
 BENDING = '[[terms]]\ntype = "HingeBending"'
 PLATE = '[[terms]]\ntype = "PlateBending"'
-STORIES = pytest.mark.stories
 
 
 def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: str) -> tuple:
@@ -69,20 +68,11 @@ def compiled(tmp_path_factory):
 @pytest.mark.parametrize(
     ("kind", "element", "bending", "triangles", "pattern"),
     [
-        ("explicit", "P1", BENDING, 2_000, "right"),
-        *(
-            pytest.param(kind, element, bending, triangles, pattern, marks=STORIES)
-            for kind, element, bending, triangles, pattern in [
-                ("explicit", "P1", BENDING, 40_000, "right"),
-                ("explicit", "P2", PLATE, 10_000, "right"),
-                ("pcg", "P1", BENDING, 40_000, "right"),
-                ("pcg", "P1", "", 20_000, "cross"),
-                ("pcg", "P2", "", 10_000, "right"),
-                ("direct", "P1", BENDING, 2_000, "right"),
-                ("direct", "P1", BENDING, 40_000, "right"),
-                ("direct", "P2", "", 10_000, "right"),
-            ]
-        ),
+        ("explicit", "P2", PLATE, 10_000, "right"),
+        ("pcg", "P1", BENDING, 40_000, "right"),
+        ("pcg", "P1", "", 20_000, "cross"),
+        ("direct", "P1", BENDING, 2_000, "right"),
+        ("direct", "P2", "", 10_000, "right"),
     ],
 )
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak is measured differently")

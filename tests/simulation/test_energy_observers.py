@@ -117,9 +117,7 @@ def test_what_dampings_and_the_method_take_has_moved_too(cloth):
 
 @pytest.mark.parametrize(
     "method",
-    stories_except(
-        [fc.SymplecticEuler(), fc.CentralDifference(), fc.BDF2()], fc.CentralDifference()
-    ),
+    stories_except([fc.CentralDifference(), fc.BDF2()], fc.CentralDifference()),
     ids=str,
 )
 def test_the_work_of_a_load_without_energy_is_what_it_gives(method, cloth):
@@ -138,9 +136,7 @@ def test_the_work_of_a_load_without_energy_is_what_it_gives(method, cloth):
     ("method", "height", "width"),
     [
         (fc.Adaptive(fc.BDF2(), 1e-2), 3000.0, 0.001),
-        pytest.param(fc.Adaptive(fc.BDF2(), 1e-2), 300.0, 0.003, marks=pytest.mark.stories),
         (fc.CentralDifference(), 3000.0, 0.001),
-        pytest.param(fc.CentralDifference(), 3000.0, 0.0005, marks=pytest.mark.stories),
     ],
 )
 def test_a_pulse_is_no_growth(method, height, width, cloth):
@@ -152,14 +148,13 @@ def test_a_pulse_is_no_growth(method, height, width, cloth):
     assert not [words for words in result.warnings if "energy" in words]
 
 
-@pytest.mark.parametrize("speed", stories_except([0.0, 5.0, 100.0], 100.0))
 @pytest.mark.parametrize(
     "method", [fc.BDF2(), fc.ImplicitMidpoint(), fc.BackwardEuler(), fc.EnergyMomentum()], ids=repr
 )
-def test_a_flat_sheet_in_free_flight_causes_no_warning(method, speed):
+def test_a_flat_sheet_in_free_flight_causes_no_warning(method):
     cloth = fc.Cloth.rectangle(1.0, 1.0, 0.2, "right")
     terms = [fc.StVK(), fc.HingeBending(), fc.Gravity()]
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5), terms)
     flat = system.rest()
-    start = system.state(flat.x, flat.v + [speed, 0.0, 0.0])
+    start = system.state(flat.x, flat.v + [100.0, 0.0, 0.0])
     assert fc.run(system, method, start, dt=0.01, t_end=0.4).warnings == ()

@@ -9,7 +9,8 @@ from support.tiers import MASSES, in_turn
 
 import fecloth as fc
 from fecloth.integrators import METHODS
-from fecloth.system.constraints import Constraints, MotionRows
+from fecloth.system.constraints import Constraints
+from fecloth.system.motion_rows import MotionRows
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")

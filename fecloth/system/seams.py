@@ -1,0 +1,248 @@
+"""Seams: edges of a cloth that are sewn to others, exactly, by the elimination x = T y."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Self
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse.csgraph import connected_components
+
+from fecloth.errors import InputError, flag, is_number
+from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.mortar import mortar_weights
+from fecloth.mesh.selection import Where
+from fecloth.mesh.sewn_edge import SewnEdge
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import TIME
+from fecloth.system.constraints import Constraints
+from fecloth.system.pins import Pin
+from fecloth.system.sewn_nodes import SewnNodes
+
+MOST_EASING = 0.2  # of the longer edge: the most by which two sewn edges may differ in length
+SAME_WEIGHT = 1e-9  # weights of two seams of one node that are as near are the same
+
+
+@checks_arguments
+@dataclass(frozen=True)
+class Seam:
+    """Two edges of a cloth, or of its pieces, that are sewn together.
+
+    The edge with the longer triangles leads, and the other one follows: its nodes are no
+    unknowns, but x = W x_L with the weights of `fecloth.mesh.mortar`. So a seam has no stiffness
+    and no slack, the nodes of both edges need not match, and a constant stress passes exactly.
+    The mass of a node that follows is with its leaders, by the same weights, and a pin on it
+    holds its leader.
+
+    Edges of different lengths are eased: points at the same part of each length meet.
+
+    Parameters
+    ----------
+    first, second
+        The edges: names of edge sets or node sets, as "left", or "front.left" of a piece; or
+        node indices, or a predicate on X. Each must be one path along the border. It begins at
+        its end of the lower X, or of the lower Y at the same X; a closed border begins at its
+        node of the largest X.
+    reverse
+        Whether the second edge begins at its other end.
+    close
+        Time [s] at which a seam is closed that is open at the start: the gap closes by
+        1 − s³ (10 − 15 s + 6 s²), s = t/close. In load steps it is the part of the loads. None:
+        it is closed at the start.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> strip = fc.Cloth.rectangle(1.0, 0.2, h=0.1, pattern="right")
+    >>> cloth = fc.Cloth.join([strip, strip], names=["front", "back"])
+    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    >>> seams = [fc.Seam("front.left", "back.left"), fc.Seam("front.right", "back.right")]
+    >>> system = fc.System(cloth, fabric, [fc.StVK()], seams=seams)
+    >>> len(cloth.X), len(system.free) // 3, round(system.total_mass, 12)
+    (66, 60, 0.08)
+    """
+
+    first: Where
+    second: Where
+    reverse: bool = False
+    close: Annotated[float | None, TIME] = None
+
+    def __post_init__(self):
+        """Raise `InputError` for wrong values."""
+        flag("reverse", self.reverse, "Seam")
+        if self.close is not None and not (is_number(self.close) and self.close > 0):
+            raise InputError(f"close = {self.close!r}", "must be > 0 s, or None", "Seam")
+
+    @property
+    def label(self) -> str:
+        """What errors call it."""
+        return f"Seam({self.first!r}, {self.second!r})"
+
+    def sew(self, seams: "Sequence[Seam]", cloth: Cloth, constraints: Constraints) -> Constraints:
+        """Return the constraints of a cloth with all its seams, of which this is one."""
+        return sew(seams, cloth, constraints)
+
+    def edges(self, cloth: Cloth) -> tuple[SewnEdge, SewnEdge]:
+        """Return the edge that leads and the one that follows; raise `InputError` for others."""
+        first, second = (SewnEdge.find(cloth, where) for where in (self.first, self.second))
+        second = second.reversed() if self.reverse else second
+        if np.intersect1d(first.nodes[1:-1], second.nodes[1:-1]).size:
+            raise InputError("an edge sewn to itself", "must be sewn to another", self.label)
+        lengths = first.length, second.length
+        if max(lengths) * (1 - MOST_EASING) > min(lengths):
+            what = f"edges of {lengths[0]:.4g} m and {lengths[1]:.4g} m"
+            allowed = f"must not differ by more than {MOST_EASING:.0%}"
+            remedy = "Is one of them a part of what you mean? A name may stand for a longer edge."
+            raise InputError(what, allowed, self.label, remedy)
+        if len(second.half_edges) < len(first.half_edges):
+            return second, first
+        return first, second
+
+
+@dataclass(frozen=True, eq=False)
+class SewnPair:
+    """Two edges of a seam on a cloth: nodes (k,) follow nodes (l,) by weights W (k, l)."""
+
+    seam: Seam
+    leading: SewnEdge
+    following: SewnEdge
+    weights: sparse.csr_matrix
+
+    @classmethod
+    def of(cls, seam: Seam, cloth: Cloth) -> Self:
+        """Find the edges of a seam, and the weights."""
+        leading, following = seam.edges(cloth)
+        degree = 1 if cloth.element == "P1" else 2
+        W = mortar_weights(following.places, leading.places, degree)
+        return cls(seam, leading, following, W)
+
+    def rows(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Each node that follows, with its leaders and their weights."""
+        W = self.weights
+        for node, begin, end in zip(self.following.nodes, W.indptr, W.indptr[1:], strict=False):
+            yield int(node), self.leading.nodes[W.indices[begin:end]], W.data[begin:end]
+
+
+def sew(seams: Sequence[Seam], cloth: Cloth, constraints: Constraints) -> Constraints:
+    """Return the constraints with the nodes that follow, and with pins on their leaders.
+
+    Nodes that meet whole, with one leader of the weight 1, are one: so corners in several seams,
+    and edges in several matching seams, are resolved. Raises `InputError` for a node that
+    follows in two other ways, for seams that lead back to themselves, and for a pin on a node
+    that follows others that are not pinned alike.
+    """
+    pairs = [SewnPair.of(seam, cloth) for seam in seams]
+    followers = SewnNodes(_resolve(pairs, len(cloth.X)))
+    close = np.zeros(len(cloth.X))
+    for pair in pairs:
+        if pair.seam.close is not None:  # of nodes that are one, any may follow
+            nodes = np.append(pair.following.nodes, pair.leading.nodes)
+            close[nodes] = np.maximum(close[nodes], pair.seam.close)
+    if close.any():
+        followers = replace(followers, left=_Closing(close[followers.nodes, None]))
+    groups = {
+        name: (pin, _held(name, pin, held, followers.T, cloth))
+        for name, (pin, held) in constraints.groups.items()
+    }
+    return replace(Constraints.of(groups, cloth), followers=followers)
+
+
+def _resolve(pairs: Sequence[SewnPair], n: int) -> sparse.csr_matrix:
+    """Return T (n, n): the weights of all nodes by those that follow none."""
+    stands = _standing(pairs, n)
+    rows = dict(enumerate(zip(stands[:, None], np.ones((n, 1)), strict=True)))
+    ruled: dict[int, Seam] = {}
+    for pair in pairs:
+        for followed, leaders, weights in pair.rows():
+            node = int(stands[followed])
+            if len(leaders) == 1:
+                continue
+            if node in ruled:
+                what = f"node {followed} follows in {ruled[node].label}, too"
+                allowed = "must follow in one seam, but at ends and on matching edges"
+                remedy = "Make the edges of one of them match, node by node."
+                raise InputError(what, allowed, pair.seam.label, remedy)
+            ruled[node] = pair.seam
+            rows[node] = stands[leaders], weights
+    columns, data = (np.concatenate(parts) for parts in zip(*rows.values(), strict=True))
+    starts = np.cumsum([0, *(len(leaders) for leaders, _ in rows.values())])
+    S = sparse.csr_matrix((data, columns, starts), shape=(n, n))
+    S.sum_duplicates()
+    T = S
+    for _ in range(len(pairs) + 2):  # leaders may follow in other seams
+        before, T = T, T @ S
+        if abs(T - before).max() <= SAME_WEIGHT:
+            T.eliminate_zeros()
+            return T
+    raise InputError(
+        f"the seams {', '.join(sorted({seam.label for seam in ruled.values()}))}",
+        "must not lead around in a circle: each edge would follow itself",
+        "System(seams=...)",
+        "Make the edges of one of them match, node by node.",
+    )
+
+
+def _standing(pairs: Sequence[SewnPair], n: int) -> np.ndarray:
+    """The node (n,) that stands for each node: nodes that meet whole are one.
+
+    It is the lowest of those that follow none whole; the lowest of all if there is none.
+    """
+    meeting = [
+        (node, int(leaders[0]))
+        for pair in pairs
+        for node, leaders, _ in pair.rows()
+        if len(leaders) == 1
+    ]
+    followed, leaders = np.array(meeting).T
+    graph = sparse.coo_matrix((np.ones(len(meeting)), (followed, leaders)), (n, n))
+    count, group = connected_components(graph, directed=False)
+    follows = np.isin(np.arange(n), followed)
+    order = np.lexsort((np.arange(n), follows))[::-1]
+    first = np.zeros(count, np.int64)
+    first[group[order]] = order  # the last one written is the first of its group
+    standing: np.ndarray = first[group]
+    return standing
+
+
+def _held(name: str, pin: Pin, nodes: np.ndarray, T: sparse.csr_matrix, cloth: Cloth) -> np.ndarray:
+    """Return the nodes (k,) that a pin holds in place of those that follow.
+
+    Raises `InputError` if one of them follows nodes that the pin does not hold.
+    """
+    W = T[nodes]
+    count = np.diff(W.indptr)
+    leaders = nodes.copy()
+    leaders[count == 1] = W.indices[W.indptr[:-1][count == 1]]
+    kept = np.unique(leaders[count == 1])
+    for node in nodes[count > 1]:
+        if not np.isin(T[node].indices, kept).all():
+            X, Y = cloth.X[node]
+            what = f"pin {name!r} holds node {node} at ({X:.6g}, {Y:.6g}) m, which follows a seam"
+            remedy = "Pin the other edge of the seam, which leads, or leave the node out."
+            raise InputError(what, "must hold the nodes that it follows, too", "Seam", remedy)
+    if (count == 1).all() and np.array_equal(leaders, nodes):
+        return nodes
+    if pin.displacement(0.0).ndim == 2:
+        what = f"pin {name!r} on a seam, with a motion for each node"
+        raise InputError(what, "must move all nodes alike", "Seam", "Pin the edge that leads.")
+    return kept
+
+
+@dataclass(frozen=True, eq=False)
+class _Closing:
+    """The part of each gap that is left at a time, and its rate; see `Seam`.
+
+    Attributes
+    ----------
+    close
+        (k, 1) the time at which it is closed [s]; 0 if it is from the start.
+    """
+
+    close: np.ndarray
+
+    def __call__(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the part (k, 1) that is left at t [s], and its rate [1/s]."""
+        ends = np.where(self.close > 0, self.close, 1.0)
+        s = np.where(self.close > 0, np.clip(t / ends, 0.0, 1.0), 1.0)
+        left = 1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        return np.where(s < 1.0, left, 0.0), -30.0 * (s * (1.0 - s)) ** 2 / ends

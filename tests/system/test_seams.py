@@ -1,0 +1,221 @@
+"""Sewn edges: patch test, the cut strip that is the strip, momentum, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError
+
+FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
+
+
+def shifted(cloth: fc.Cloth, X: float, Y: float = 0.0) -> fc.Cloth:
+    return replace(cloth, X=cloth.X + (X, Y))
+
+
+def halves(element: str, h: tuple[float, float] = (0.06, 0.045)) -> fc.Cloth:
+    """Two unstructured halves of a strip of 1 m by 0.25 m."""
+    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=size, element=element) for size in h)
+    return fc.Cloth.join([a, shifted(b, 0.5)], names=["a", "b"])
+
+
+SEAM = fc.Seam("a.right", "b.left")
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_constant_stress_passes_edges_that_do_not_match(element):
+    cloth = halves(element)
+    system = fc.System(cloth, FABRIC, [fc.StVK()], seams=[SEAM])
+    F = np.array([[1.02, 0.01], [-0.02, 0.99], [0.0, 0.1]])
+    x = cloth.X @ F.T
+    followers = system.constraints.followers
+    assert np.abs(followers.gap(x)).max() < 1e-15
+    residual = system.constraints.reduce(system.force(system.state(x)))
+    outside = np.isin(cloth.X[:, 0], (0.0, 1.0)) | np.isin(cloth.X[:, 1], (0.0, 0.25))
+    size = np.abs(system.force(system.state(x))).max()
+    assert np.abs(residual[~outside]).max() < 1e-11 * size
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_pulled_strip_has_its_closed_form(element):
+    """F = 50 N/m along a strip with ν = 0: S₁₁ √(1 + 2 E₁₁) = F, E₁₁ = S₁₁/Y, at all nodes."""
+    fabric = replace(FABRIC, poisson_ratio=0.0)
+    cloth = halves(element)
+    pull = fc.EdgeForce("b/right", (50.0, 0.0, 0.0))
+    system = fc.System(cloth, fabric, [fc.StVK(), pull], pins=[fc.Pin("a/left")], seams=[SEAM])
+    start = system.state(system.rest().x * (1.05, 1.0, 1.0))
+    x = fc.equilibrium(system, start, tolerance=1e-12).x
+    stretch = np.roots([0.5, 0.0, -0.5, -50.0 / 1000.0]).real.max()
+    expected = np.column_stack([stretch * cloth.X[:, 0], cloth.X[:, 1], np.zeros(len(x))])
+    np.testing.assert_allclose(x, expected, atol=1e-11)
+
+
+def whole_and_cut(element: str) -> tuple[fc.Cloth, fc.Cloth]:
+    """A strip, and the same one cut in two."""
+    whole = fc.Cloth.rectangle(1.0, 0.25, h=0.125, pattern="right", element=element)
+    half = fc.Cloth.rectangle(0.5, 0.25, h=0.125, pattern="right", element=element)
+    return whole, fc.Cloth.join([half, shifted(half, 0.5)], names=["a", "b"])
+
+
+def sorted_by_place(cloth: fc.Cloth, nodes: np.ndarray) -> np.ndarray:
+    X = np.round(cloth.X[nodes], 9)
+    return nodes[np.lexsort((X[:, 1], X[:, 0]))]
+
+
+def both_strips(element: str, mass: str):
+    """Systems of the whole strip and of the sewn one, a start of each, and their common nodes."""
+    whole, cut = whole_and_cut(element)
+    terms = [fc.StVK(), fc.StrainRateDamping(time=0.01), fc.Gravity((0, 0, -9.81))]
+    systems = (
+        fc.System(whole, FABRIC, terms, pins=["left"], mass=mass),
+        fc.System(cut, FABRIC, terms, pins=["a/left"], mass=mass, seams=[SEAM]),
+    )
+    for system in systems:
+        X = system.cloth.X
+        x = np.column_stack([X, 0.05 * np.sin(3 * X[:, 0])])
+        v = np.column_stack([0 * X[:, 0], X[:, 0], 0 * X[:, 0]])
+        own = np.setdiff1d(np.arange(len(X)), system.constraints.followers.nodes)
+        yield system, system.state(x, v), sorted_by_place(system.cloth, own)
+
+
+METHODS = [
+    (fc.BackwardEuler(), "lumped", 5e-3),
+    (fc.BDF2(), "consistent", 5e-3),
+    (fc.GeneralizedAlpha(), "lumped", 5e-3),
+    (fc.Newmark(), "consistent", 5e-3),
+    (fc.EnergyMomentum(), "consistent", 5e-3),
+    (fc.LinearlyImplicitEuler(), "lumped", 1e-3),
+    (fc.SymplecticEuler(), "lumped", 2e-6),
+    (fc.CentralDifference(), "lumped", 2e-6),
+]
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize(("method", "mass", "dt"), METHODS, ids=lambda value: str(value)[:12])
+def test_a_cut_and_sewn_strip_moves_as_the_strip(element, method, mass, dt):
+    ends = []
+    newton = {} if dt < 1e-4 else {"newton": fc.Newton(tolerance=1e-12)}
+    for system, start, nodes in both_strips(element, mass):
+        result = fc.run(system, method, start, dt=dt, t_end=5 * dt, **newton)
+        ends.append((result.state.x[nodes], result.energies["remainder"][-1], result))
+        followers = system.constraints.followers
+        assert not followers.gap(result.state.x).any()
+        assert not followers.gap(result.state.v).any()
+    (x, remainder, _), (x_sewn, remainder_sewn, result) = ends
+    np.testing.assert_allclose(x_sewn, x, rtol=0, atol=1e-10)
+    assert remainder_sewn == pytest.approx(remainder, rel=1e-6, abs=1e-11)
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_a_cut_and_sewn_strip_has_the_frequencies_of_the_strip(mass):
+    frequencies = []
+    for system, _, _ in both_strips("P1", mass):
+        taut = system.replace(terms=[fc.StVK()])
+        start = taut.state(taut.rest().x * (1.02, 1.0, 1.0))
+        frequencies.append(fc.modes(taut, start, count=6).frequencies)
+    np.testing.assert_allclose(frequencies[1], frequencies[0], rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+def test_the_stable_step_of_a_sewn_strip_is_that_of_the_strip():
+    limits = [
+        [
+            fc.critical_dt(system, start, "central_difference"),
+            fc.stability.lanczos_estimate.estimate(system, start, fc.CentralDifference()),
+        ]
+        for system, start, _ in both_strips("P1", "lumped")
+    ]
+    np.testing.assert_allclose(limits[1], limits[0], rtol=0.02)
+    assert limits[1][0] == pytest.approx(limits[0][0], rel=1e-6)
+
+
+def bag(element: str) -> fc.System:
+    """Two pieces with edges that do not match, sewn along three sides."""
+    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=h, element=element) for h in (0.06, 0.045))
+    seams = [fc.Seam(f"a.{side}", f"b.{side}") for side in ("left", "right", "bottom")]
+    cloth = fc.Cloth.join([a, b], names=["a", "b"])
+    return fc.System(cloth, FABRIC, [fc.StVK()], seams=seams)
+
+
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.CentralDifference()], ids=str)
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+def test_a_thrown_bag_keeps_its_momenta(method):
+    system = bag("P1")
+    cloth = system.cloth
+    x = system.rest().x
+    height = 0.05 * np.sin(2 * np.pi * x[:, 0]) * np.sin(4 * np.pi * x[:, 1])
+    x[:, 2] = np.where(np.isin(np.arange(len(x)), cloth.nodes("a")), height, -height)
+    follow = system.constraints.followers.follow
+    x = follow(x)
+    v = follow(np.cross([1.0, 2.0, 3.0], x) + (1.0, 0.0, 2.0))
+
+    def momenta(state):
+        p = system.mass_times(state.v)
+        return np.append(p.sum(axis=0), np.cross(state.x, p).sum(axis=0))
+
+    # of the cloth without seams, whose nodes that follow have their own mass
+    own_mass = cloth.mass("lumped", system.panel.density).diagonal()
+    p = own_mass[:, None] * v
+    np.testing.assert_allclose(momenta(system.state(x, v))[:3], p.sum(axis=0), rtol=1e-13)
+    assert system.total_mass == pytest.approx(0.2 * cloth.area, rel=1e-14)
+    dt = 2e-6 if isinstance(method, fc.CentralDifference) else 2e-4
+    start = system.state(x, v)
+    newton = {} if dt < 1e-4 else {"newton": fc.Newton(tolerance=1e-13)}
+    end = fc.run(system, method, start, dt=dt, t_end=20 * dt, **newton).state
+    assert np.abs(end.x - x).max() > 1e-5
+    np.testing.assert_allclose(momenta(end), momenta(start), rtol=0, atol=1e-12)
+
+
+def test_corners_of_four_pieces_are_one_node():
+    square = fc.Cloth.rectangle(0.5, 0.5, h=0.25, pattern="right")
+    names = ["a", "b", "c", "d"]
+    pieces = [shifted(square, X, Y) for Y in (0.0, 0.5) for X in (0.0, 0.5)]
+    cloth = fc.Cloth.join(pieces, names=names)
+    seams = [
+        fc.Seam("a.right", "b.left"),
+        fc.Seam("c.right", "d.left"),
+        fc.Seam("a.top", "c.bottom"),
+        fc.Seam("b.top", "d.bottom"),
+    ]
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.Gravity()], pins=["a/left"], seams=seams)
+    middle = np.flatnonzero((np.abs(cloth.X - 0.5) < 1e-9).all(axis=1))
+    assert len(middle) == 4
+    assert len(np.setdiff1d(middle, system.constraints.followers.nodes)) == 1
+    # five nodes along each side of one square of 1 m
+    assert len(cloth.X) - len(system.constraints.followers.nodes) == 25
+    inside = system.nodal_mass[np.setdiff1d(middle, system.constraints.followers.nodes)]
+    assert inside == pytest.approx(0.2 * 0.25**2)
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+def test_a_pin_on_a_node_that_follows_holds_its_leader():
+    _, cut = whole_and_cut("P1")
+    system = fc.System(cut, FABRIC, [fc.StVK(), fc.Gravity()], pins=["b/left"], seams=[SEAM])
+    assert set(system.constraints.nodes) == set(cut.nodes("a/right"))
+    rest = system.rest()
+    x = fc.run(system, fc.BackwardEuler(), rest, dt=0.01, t_end=0.02).state.x
+    held = cut.nodes("b/left")
+    np.testing.assert_array_equal(x[held], rest.x[held])
+
+
+def test_refusals_name_the_seam():
+    cloth = halves("P1")
+    terms = [fc.StVK()]
+
+    def sewn(*seams, pins=()):
+        return fc.System(cloth, FABRIC, terms, pins=pins, seams=seams)
+
+    with pytest.raises(InputError, match="must not differ by more than 20%"):
+        sewn(fc.Seam("a.right", "b.bottom"))
+    with pytest.raises(InputError, match="must hold the nodes that it follows, too"):
+        sewn(SEAM, pins=["b/left"])
+    with pytest.raises(InputError, match="sewn to itself"):
+        sewn(fc.Seam("a.right", "a.right"))
+    with pytest.raises(InputError, match="one path"):
+        sewn(fc.Seam(lambda X: (X[:, 0] < 1e-9) | (X[:, 0] > 1 - 1e-9), "a.right"))
+    with pytest.raises(InputError, match="follows in Seam"):
+        sewn(SEAM, fc.Seam("a.left", "b.left"))
