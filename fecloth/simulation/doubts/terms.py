@@ -10,7 +10,7 @@ import numpy as np
 from fecloth import terms
 from fecloth.simulation.doubts.accepted import accepts_term, join_accepted
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
-from fecloth.simulation.doubts.planned_run import PlannedRun
+from fecloth.simulation.doubts.planned_run import PlannedRun, attempt
 from fecloth.system.system import System
 from fecloth.terms import protocol
 from fecloth.terms.contact.advance import slope_at_surface
@@ -317,7 +317,7 @@ def find_other_gaps(run: PlannedRun) -> Iterator[Doubt]:
         if not (isinstance(term, BoundObstacle) and isinstance(term.shape, Sdf)):
             continue
         y = term.shape.pose(run.state.t).to_body(run.state.x)
-        slope = slope_at_surface(term.shape, y, run.state.t)
+        slope = attempt(slope_at_surface, term.shape, y, run.state.t, otherwise=math.nan)
         if not math.isfinite(slope) or 1 / MOST_SLOPE < slope < MOST_SLOPE:
             continue
         words = (

@@ -114,12 +114,12 @@ def slope_at_surface(shape: Shape, y: np.ndarray, t: float) -> float:
     with the least |d|/|∇d|. NaN where the gradient is zero.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        nearest = np.argmin(abs(shape.distance(y, t)) / _lengths(shape.gradient(y, t)))
-        place = y[nearest, None]
+        way = abs(shape.distance(y, t)) / _lengths(shape.gradient(y, t))
+        place = y[np.argmin(way), None]
         for _ in range(MOST_MOVES_OUT):
             gradient = shape.gradient(place, t)
             place = place - shape.distance(place, t) / (gradient @ gradient.T) * gradient
-    return float(_lengths(shape.gradient(place, t))[0])
+        return float(_lengths(shape.gradient(place, t))[0])
 
 
 def goes_through(shape: Shape, a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
