@@ -26,6 +26,8 @@ PAIRS = ("tensile_stiffness", "bending_rigidity", "bending_hysteresis")
 LARGEST_NEGATIVE_EIGENVALUE = 1e-6
 WHERE = "uncertainty"
 PART = re.compile(r"(\d+\.?\d*(?:[eE][-+]?\d+)?)\s*%")
+UNKNOWN = "unknown"  # in place of an uncertainty that nobody knows; it is not 0
+OF_CURVES = ("specimen", "law")  # relative standard uncertainties of whole curves
 
 
 @dataclass(frozen=True)
@@ -34,28 +36,36 @@ class Uncertainty:
 
     A key is the name of a constant, as "shear_stiffness", or of one number of a pair (warp,
     weft), as "tensile_stiffness.0". The name of a pair stands for each of its numbers that has
-    no key of its own. `read` makes an object from a table.
+    no key of its own. `read` makes an object from a table. A constant that is "unknown" is one
+    whose uncertainty nobody knows, as is a constant without a key.
 
     Attributes
     ----------
     deviations
         (key, standard uncertainty) of each constant: a number in SI, or a text such as
-        "10.0 %", which is a part of the constant.
+        "10.0 %", which is a part of the constant, or "unknown".
     correlation
         (key, key, number from -1 to 1) of pairs of constants; others are not correlated.
     source
         Where the numbers come from.
+    specimen
+        Relative standard deviation of the curves of single specimens about their mean.
+    law
+        Relative standard uncertainty of a curve by the law, also with the best constants.
     """
 
     deviations: tuple[tuple[str, float | str], ...]
     correlation: tuple[tuple[str, str, float], ...] = ()
     source: str = ""
+    specimen: float = 0.0
+    law: float = 0.0
 
     @classmethod
     def read(cls, table: Any) -> Self | None:
-        """Read a table: key → a number in SI, a text with a unit, "10 %", or two for a pair.
+        """Read a table: key → number in SI, text with a unit, "10 %", "unknown", or two for a pair.
 
-        It may also have `correlation`, a list of [key, key, number], and `source`. None, and an
+        It may also have `correlation`, a list of [key, key, number], `source`, and `specimen` and
+        `law`, as "5 %". None, and an
         `Uncertainty`, are returned as they are. Raises `InputError` for what is not a table, an
         unknown key, a negative number, or a correlation beyond ±1 or given twice.
         """
@@ -69,27 +79,32 @@ class Uncertainty:
         source = by_key.pop("source", "")
         if not isinstance(source, str):
             raise InputError(f"source = {brief(source)}", "must be a text", WHERE)
+        of_curves = {key: relative(key, by_key.pop(key, 0.0), WHERE) for key in OF_CURVES}
         deviations = tuple((key, _deviation(key, value)) for key, value in by_key.items())
         rows = _correlations(correlation, dict(deviations))
-        return cls(deviations, correlation=rows, source=source)
+        return cls(deviations, correlation=rows, source=source, **of_curves)
 
     def table(self) -> dict[str, Any]:
         """Return a table from which `read` makes the same uncertainty."""
-        others = {"correlation": self.correlation, "source": self.source}
+        others: dict[str, Any] = {"correlation": self.correlation, "source": self.source}
+        others |= {key: getattr(self, key) for key in OF_CURVES}
         return dict(self.deviations) | {key: value for key, value in others.items() if value}
 
     def standard(self, fabric: Any) -> dict[str, float]:
         """Return the standard uncertainty, in SI, of each number of a `Fabric` that has one.
 
-        They are by the keys of `numbers_of`, in its order. Raises `InputError` for a key without
-        a number in the fabric, or a percentage of 0.
+        Numbers whose uncertainty is unknown are left out. They are by the keys of `numbers_of`,
+        in its order. Raises `InputError` for a key without a number in the fabric, or a
+        percentage of 0.
         """
         numbers = numbers_of(vars(fabric))
         deviations: dict[str, float] = {}
         # Keys of pairs come first, so that the keys of single numbers replace them.
         for key, value in sorted(self.deviations, key=lambda item: item[0].count(".")):
             for name in _number_names(key, numbers):
-                if isinstance(value, float):
+                if value == UNKNOWN:
+                    deviations.pop(name, None)
+                elif isinstance(value, float):
                     deviations[name] = value
                 elif not numbers[name]:
                     remedy = "Give the uncertainty as a number."
@@ -175,13 +190,15 @@ def _flat(table: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
 def _deviation(key: str, value: Any) -> float | str:
     """Return the standard uncertainty of a key: a number in SI, or a text such as "10 %".
 
-    Raises `InputError` for an unknown key, a number that is negative or not finite, and for
-    another text.
+    "unknown" stays as it is. Raises `InputError` for an unknown key, a number that is negative
+    or not finite, and for another text.
     """
     name, _, item = key.partition(".")
     if name not in CONSTANTS or (item and (name not in PAIRS or item not in ("0", "1"))):
         allowed = f"unknown key; the keys are {', '.join(CONSTANTS)}; KEY.0 and KEY.1 of a pair"
         raise InputError(f"{key} = {brief(value)}", allowed, WHERE, did_you_mean(key, CONSTANTS))
+    if value == UNKNOWN:
+        return UNKNOWN
     dimension = CONSTANTS[name]
     number = value
     # To 15 digits, so that "10 %", "10.0%" and "1e1 %" give equal texts.
@@ -191,8 +208,22 @@ def _deviation(key: str, value: Any) -> float | str:
         number = quantity(key, value, dimension, ', or a part such as "10 %"')
     if not (is_number(number) and number >= 0):
         unit = f" [{dimension.si}]" if dimension else ""
-        allowed = f'must be a standard uncertainty >= 0{unit}, or a part such as "10 %"'
+        allowed = (
+            f'must be a standard uncertainty >= 0{unit}, or a part such as "10 %", or "unknown"'
+        )
         raise InputError(f"{key} = {brief(value)}", allowed, WHERE)
+    return float(number)
+
+
+def relative(name: str, value: Any, where: str) -> float:
+    """Return a relative uncertainty >= 0, from a number or a text such as "5 %".
+
+    Raises `InputError` for anything else, with the `name` of the entry.
+    """
+    number = part_of(1.0, value, name)
+    if not (is_number(number) and number >= 0):
+        allowed = 'must be a relative standard uncertainty >= 0, as "5 %" or 0.05'
+        raise InputError(f"{name} = {brief(value)}", allowed, where)
     return float(number)
 
 

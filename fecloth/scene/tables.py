@@ -15,13 +15,14 @@ from fecloth import terms
 from fecloth.errors import InputError, brief, errors_of
 from fecloth.fabric import presets
 from fecloth.fabric.fabric import Fabric, constants_in
-from fecloth.fabric.uncertainty import CONSTANTS, PAIRS, Uncertainty, merged
+from fecloth.fabric.uncertainty import CONSTANTS, OF_CURVES, PAIRS, Uncertainty, merged
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.rotation import Rotation
 from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
 from fecloth.scene.field_types import File, resolve_path
 from fecloth.scene.placement import RotationTable
 from fecloth.scene.table_model import TERM, Made, one_of, table_of
+from fecloth.system.seams import Seam
 from fecloth.terms.contact import shapes
 from fecloth.terms.membranes.curves import CurveData, read_rows
 from fecloth.terms.protocol import is_description
@@ -64,6 +65,8 @@ ShapeTable: Any = one_of("type", SHAPE_TABLES)
 _FIELDS = _TURNED | {shapes.Shape: (ShapeTable, ...), str | Path: (File, ...)}
 _FIELDS |= {CurveData | None: (_Curve, None)}
 
+SeamTable: Any = table_of(Seam, first=(str, ...), second=(str, ...))
+
 _NewtonFields: Any = table_of(Newton)  # a base class made at run time
 
 
@@ -72,7 +75,7 @@ class SolverTable(_NewtonFields):
 
     model_config: ClassVar = {"use_attribute_docstrings": True}
 
-    linear: Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"] = "auto"
+    linear: Literal["auto", "direct", "pardiso", "rslab", "superlu", "pcg", "multigrid"] = "auto"
     """The linear solver."""
     threads: int | Literal["auto"] = "auto"
     """Threads that share all loops: a number, or "auto"."""
@@ -126,7 +129,13 @@ def _check_uncertain(table: dict | None) -> dict | None:
     return uncertainty.table()
 
 
-_KEYS = [*CONSTANTS, *(f"{key}.{i}" for key in PAIRS for i in "01"), "correlation", "source"]
+_KEYS = [
+    *CONSTANTS,
+    *(f"{key}.{i}" for key in PAIRS for i in "01"),
+    "correlation",
+    "source",
+    *OF_CURVES,
+]
 _SCHEMA = {
     "type": "object",
     "properties": {key: {} for key in _KEYS},

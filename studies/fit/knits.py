@@ -45,13 +45,15 @@ def strip(
     return cloth, system, LoadSteps(steps), system.state(system.rest().x - [0.0, width / 2, 0.0])
 
 
-def read(knit: str, direction: str, part: float) -> tuple[dict[str, list[float]], float, float]:
+def read(
+    knit: str, direction: str, part: float, yarn: str = "acrylic"
+) -> tuple[dict[str, list[float]], float, float]:
     """The columns of a specimen in SI, its length, and its width at the clamps.
 
     The distance across is halved, and each repeat begins at the mean of all. Where the clamps are
     closer than at first by the scatter of a picture, a row is left out.
     """
-    path = DATA / f"singal_2024_acrylic_{knit}_{direction}.csv"
+    path = DATA / f"singal_2024_{yarn}_{knit}_{direction}.csv"
     text = path.read_text(encoding="utf-8")
     match = re.search(r"width at the clamp ([\d.]+) mm", text)
     assert match
@@ -98,7 +100,7 @@ def fit_knit(knit: str, part: float, cells: int, steps: int) -> tuple[dict, fc.F
     answer = quietly(fc.fit, experiments, START, refined=steps == STEPS)
     row: dict = {"knit": knit, "up to": "the end" if math.isinf(part) else f"{100 * part:.0f} %"}
     for name, value in answer.values.items():
-        half = (answer.intervals[name][1] - answer.intervals[name][0]) / 2
+        half = (answer.intervals_of_data[name][1] - answer.intervals_of_data[name][0]) / 2
         row[name] = f"{value:.4g} ± {half:.2g}" if math.isfinite(half) else f"{value:.4g}"
     row["not told"] = ", ".join(sorted(set(answer.values) - set(answer.identified))) or "-"
     for line in answer.experiments:

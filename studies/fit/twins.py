@@ -51,7 +51,7 @@ def solve(seed: int, number: int, tests: list[str], constants: list[str]) -> dic
 
 
 def _compare(name: str, truth: float, start: float, answer) -> dict[str, Any]:
-    low, high = answer.intervals[name]
+    low, high = answer.intervals_of_data[name]
     half = (high - low) / 2
     return {
         f"{name}: truth": truth,

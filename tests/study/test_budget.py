@@ -355,6 +355,29 @@ def test_an_uncertainty_of_zero_leaves_a_number_out(tmp_path):
     assert read_inputs(problem, given).names == ["fabric.tensile_stiffness"]
 
 
+def test_what_nobody_knows_is_not_0_and_leaves_no_verdict(tmp_path):
+    """Poisson's ratio has no entry, the stiffness is "unknown"; no term reads a rigidity."""
+    text = 'bending_rigidity = 1e-5\n[fabric.uncertainty]\ntensile_stiffness = "unknown"\n'
+    path = scene_at(tmp_path, text + 'areal_density = "5 %"\n[measured]\n"tip.x" = [2.0, 0.1]\n')
+    answer = fc.budget(path)
+    assert answer.unknown == ("fabric.tensile_stiffness", "fabric.poisson_ratio")
+    assert answer.input[0] == pytest.approx(0.05 * STRETCH, rel=0.01)
+    assert answer.agrees[0] is None
+    assert "no verdict on the model; the uncertainty of fabric.tensile_stiff" in answer.verdict
+    assert "Counted as exact: terms.1.acceleration.0, the sizes" in answer.notes()[-1]
+    told = fc.budget(path, {"fabric.tensile_stiffness": "5 %", "fabric.poisson_ratio": 0.0})
+    assert told.unknown == ()
+    assert told.agrees[0] is False
+
+
+def test_specimen_and_law_are_parts_of_the_change_from_the_start(tmp_path):
+    text = '[fabric.uncertainty]\nspecimen = "5 %"\nlaw = 0.1\n'
+    answer = fc.budget(scene_at(tmp_path, text))
+    change = answer.value[0] - 1.0
+    assert answer.specimen[0] == pytest.approx(0.05 * change)
+    assert answer.law[0] == pytest.approx(0.1 * change)
+
+
 def test_what_replaces_an_entry_is_not_correlated(tmp_path):
     path = scene_at(tmp_path, CORRELATED.format(1.0))
     problem = StudyProblem.of(path)
@@ -645,7 +668,8 @@ def test_tune_takes_a_third_of_the_input_uncertainty(tmp_path, monkeypatch, caps
 
 def test_the_command_reads_tables_and_reuses_its_runs(tmp_path, capsys):
     text = (
-        '[uncertain]\nfabric.areal_density = "10 %"\nstart = 2\n[measured]\n"tip.x" = [2.0, 0.1]\n'
+        '[uncertain]\nfabric.areal_density = "10 %"\nfabric.tensile_stiffness = "10 %"\n'
+        'fabric.poisson_ratio = 0.0\nstart = 2\n[measured]\n"tip.x" = [2.0, 0.1]\n'
     )
     command = ["budget", scene_at(tmp_path, text), "-o", str(tmp_path / "out")]
     assert main(command) == 0

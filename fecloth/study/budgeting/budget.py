@@ -1,5 +1,6 @@
 """`budget`: what a computed quantity is worth beside a measured one."""
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -64,7 +65,7 @@ def budget(
 
     The parts are standard uncertainties of each quantity:
 
-        total² = time² + space² + solver² + input² + start² + data²
+        total² = time² + space² + solver² + input² + specimen² + law² + start² + data²
 
     time, space and solver are halves of the uncertainties that `converge` gives with 3 levels
     of h; `value` is the one of the finest level. A half is taken because the uncertainties of
@@ -75,11 +76,17 @@ def budget(
     sides, show whether it holds. Where it does not, as where a cloth buckles, samples take its
     place, and their standard deviation is the uncertainty.
 
+    specimen and law are the parts of the fabric's [fabric.uncertainty] with these names, of the
+    change of the quantity from its start: by how much single specimens differ from their mean,
+    and how far the law is off with the best constants, as `fit` finds both.
+
     start is the standard deviation over disturbed starts. Where an equilibrium has other states,
     it is at least the largest distance of their values from `value`: the cloth is laid in waves,
     flat, and dropped, on the finest mesh that the time allows. data is the uncertainty of a
     measured value D. With `difference` = value − D, they agree where |difference| ≤ 2 total;
-    otherwise the model, its law or the experiment is wrong.
+    otherwise the model, its law or the experiment is wrong. There is no such verdict where the
+    uncertainty of a constant of the fabric is not known that a term reads: these are named, and
+    total has the known parts. Other numbers without an uncertainty count as exact, and are listed.
 
     Parameters
     ----------
@@ -108,7 +115,8 @@ def budget(
     Returns
     -------
     Budget
-        With value, time, space, solver, input, start, data, total, difference and agrees:
+        With value, time, space, solver, input, specimen, law, start, data, total, difference
+        and agrees:
         numbers of a single quantity, else arrays. `difference` is NaN where nothing was
         measured.
 
@@ -150,6 +158,9 @@ def budget(
     work = Work(study, quantities)
     parts, first_values, remarks_on_states = work.numerical()
     parts["input"], shares, remarks_on_input = work.input(inputs, samples, seed)
+    change = np.abs(parts["value"] - work.values_at_start())
+    parts["specimen"] = inputs.specimen * change
+    parts["law"] = inputs.law * change
     by_disturbances, remarks_on_starts = work.starts(inputs.starts, seed)
     parts["start"] = np.maximum(parts["start"], by_disturbances)
     result = make_budget(
@@ -160,6 +171,8 @@ def budget(
         parameters=inputs.names,
         shares=shares,
         is_single=is_single,
+        unknown=inputs.unknown,
+        exact=inputs.exact,
     )
     remarks = [*remarks_on_states, *work.ends_of_friction(first_values)]
     remarks += [*remarks_on_input, *remarks_on_starts]
@@ -170,18 +183,24 @@ def tolerance_of_data(study: Opened, quantity: Any) -> float:
     """Return a third of the relative uncertainty of the quantities by the uncertain numbers.
 
     It is the least one of all quantities. A computation whose relative error is as small is
-    accurate enough for these data.
+    accurate enough for these data. Numbers whose uncertainty is not known can only add to it:
+    they are named on stderr.
 
     Raises
     ------
     InputError
-        For a problem without uncertain numbers, or an unknown quantity.
+        For a problem without numbers whose uncertainty is known, or an unknown quantity.
     """
     opened = study.problem
     inputs = read_inputs(opened, opened.tables.get("uncertain") or {})
+    unknown = ", ".join(inputs.unknown)
     if not inputs.parameters:
         allowed = "needs numbers in [uncertain] or [fabric.uncertainty]"
-        raise InputError("--to-data", allowed, opened.where)
+        remedy = f"State the uncertainty of {unknown}." if unknown else ""
+        raise InputError("--to-data", allowed, opened.where, remedy)
+    if unknown:
+        words = f"not known, and not counted in the tolerance: the uncertainty of {unknown}"
+        print(words, file=sys.stderr, flush=True)
     work = Work(study, opened.choose_quantities(quantity))
     (values,), _ = work.run([("the problem", {})])
     uncertainty, _, _ = work.input(inputs, None, 0)
@@ -265,6 +284,14 @@ class Work:
             columns.append([study.value, 0.5 * space, 0.5 * time, 0.5 * solver, start])
         parts = dict(zip(("value", *PARTS), np.array(columns).T, strict=True))
         return parts, self.values(rows[:1])[0], remarks
+
+    def values_at_start(self) -> np.ndarray:
+        """(quantities,) values at the start; 0 of what has no value there, as a reaction."""
+        asked = [quantity.column for quantity in self.quantities]
+        row = self.study.problem.first.recording(asked).row()
+        values = [row.get(name, 0.0) for name in asked]
+        is_value = [quantity.how == "value" for quantity in self.quantities]
+        return np.where(is_value, np.nan_to_num(values), 0.0)
 
     def _rows(self, to_run: Sequence[Run | dict], stages: int = 0) -> list[Row]:
         """Run what can run; raise `InputError` if it would take too long.

@@ -10,9 +10,10 @@ from scipy.linalg import block_diag
 
 from fecloth.errors import InputError, brief, is_number
 from fecloth.fabric.fabric import Fabric
-from fecloth.fabric.uncertainty import Uncertainty, merged, part_of
+from fecloth.fabric.uncertainty import OF_CURVES, Uncertainty, merged, part_of
 from fecloth.quantities.units import is_quantity
 from fecloth.scene.toml_text import flatten_tables
+from fecloth.study.constants_read import numbers_read
 from fecloth.study.parameters import Parameter, choose_parameters
 from fecloth.study.problem import StudyProblem
 
@@ -33,11 +34,21 @@ class Inputs:
         (k, k) covariance of their values.
     starts
         Number of disturbed starts.
+    unknown
+        Names of the constants of fabrics that the terms read, but whose uncertainty is not known.
+    exact
+        Names of other numbers that are not 0 and have no uncertainty: they count as exact.
+    specimen, law
+        Relative standard uncertainties of whole curves, of the fabric that has the largest.
     """
 
     parameters: tuple[Parameter, ...]
     covariance: np.ndarray
     starts: int = 0
+    unknown: tuple[str, ...] = ()
+    exact: tuple[str, ...] = ()
+    specimen: float = 0.0
+    law: float = 0.0
 
     @property
     def names(self) -> list[str]:
@@ -101,18 +112,27 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
     numbers = dict(problem.source.numbers())  # values by name
     names = list[str]()
     covariances = [np.zeros((0, 0))]  # numbers of different blocks are independent
+    known = set[str]()
+    of_curves = dict.fromkeys(OF_CURVES, 0.0)
     for prefix, fabric in problem.source.fabrics.items():
         keys = [key for key in uncertainties if key.startswith(f"{prefix}.")]
         replaced = {key.removeprefix(f"{prefix}."): uncertainties.pop(key) for key in keys}
         try:
-            constants, covariance = _read_fabric(fabric, replaced)
+            uncertainty_of_fabric = _read_fabric(fabric, replaced)
+            standard = uncertainty_of_fabric.standard(fabric)
+            constants = [key for key, u in standard.items() if u]
+            covariance = uncertainty_of_fabric.covariance(fabric, constants)
         except InputError as error:
             what = f"{prefix}.{error.what}"
             raise InputError(what, error.allowed, WHERE, error.remedy) from None
         names += [f"{prefix}.{key}" for key in constants]
         covariances.append(covariance)
+        known |= {f"{prefix}.{key}" for key in standard}
+        for key in OF_CURVES:
+            of_curves[key] = max(of_curves[key], getattr(uncertainty_of_fabric, key))
     for key, uncertainty in uncertainties.items():
         items = [name for name in numbers if name.startswith(f"{key}.") and numbers[name]]
+        known |= {key, *items}
         for name in items or [key]:
             if name not in numbers:
                 names.append(name)  # `choose_parameters` refuses it below
@@ -125,21 +145,24 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
     # a number that is 0 has no size: its deviation says by how much it is changed
     scales = {name: u for name, u in deviations.items() if not numbers.get(name, 1.0)}
     parameters = choose_parameters(problem, names, scales) if names else ()
-    return Inputs(parameters, V, starts)
+    unknown = tuple(name for name in numbers_read(problem) if name not in known)
+    of_fabrics = tuple(f"{prefix}." for prefix in problem.source.fabrics)
+    exact = tuple(
+        name
+        for name, value in numbers.items()
+        if value and name not in known and not name.startswith(of_fabrics)
+    )
+    return Inputs(parameters, V, starts, unknown, exact, **of_curves)
 
 
-def _read_fabric(fabric: Fabric, replaced: Mapping[str, Any]) -> tuple[list[str], np.ndarray]:
-    """Return the names of the uncertain constants of a fabric, and their covariance.
-
-    `replaced` has entries that replace the fabric's own uncertainties.
-    """
+def _read_fabric(fabric: Fabric, replaced: Mapping[str, Any]) -> Uncertainty:
+    """Return the uncertainty of a fabric; entries of `replaced` replace its own."""
     table = {}
     if isinstance(fabric.uncertainty, Uncertainty):
         table = fabric.uncertainty.table()
     uncertainty = Uncertainty.read(merged(table, (), replaced))
     assert uncertainty
-    constants = [key for key, u in uncertainty.standard(fabric).items() if u]
-    return constants, uncertainty.covariance(fabric, constants)
+    return uncertainty
 
 
 def _read_deviation(problem: StudyProblem, key: str, uncertainty: Any, value: float) -> float:

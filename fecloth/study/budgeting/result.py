@@ -20,7 +20,7 @@ COVERS = 2.0
 # A part of the uncertainty that is at most this part of the total is not named, and not drawn.
 NEGLIGIBLE_PART = 0.01
 WORDS = {"space": "mesh", "time": "time step", "solver": "solver", "input": "fabric"}
-WORDS |= {"start": "start", "data": "measurement"}
+WORDS |= {"specimen": "specimen", "law": "law", "start": "start", "data": "measurement"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,20 +55,29 @@ class Budget(StudyResult):
         Standard uncertainty by the tolerance of the solver.
     input
         Standard uncertainty by the uncertain numbers.
+    specimen
+        Standard uncertainty by the specimen: how much single specimens differ from their mean.
+    law
+        Standard uncertainty by the law, as a fit has found it.
     start
         Standard uncertainty by the start; 0 where no starts were disturbed and an equilibrium has
         no other states.
     data
         Standard uncertainty of the measured value; 0 where nothing was measured.
     total
-        Root of the sum of the squares of the six parts.
+        Root of the sum of the squares of the eight parts, as far as they are known.
     difference
         Computed − measured value; NaN where nothing was measured.
     agrees
-        Whether |difference| ≤ 2 total.
+        Whether |difference| ≤ 2 total; None where nothing was measured, and where a part is not
+        known: then there is no verdict on the model.
     shares
         (quantities, parameters) parts of input² by the first order; empty where samples gave
         input.
+    unknown
+        Names of the constants that the terms read, but whose uncertainty is not known.
+    exact
+        Names of the other numbers that count as exact.
     """
 
     quantities: tuple[str, ...] = ()
@@ -78,12 +87,21 @@ class Budget(StudyResult):
     space: Any = np.nan
     solver: Any = np.nan
     input: Any = np.nan
+    specimen: Any = np.nan
+    law: Any = np.nan
     start: Any = np.nan
     data: Any = np.nan
     total: Any = np.nan
     difference: Any = np.nan
-    agrees: Any = False
+    agrees: Any = None
     shares: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    unknown: tuple[str, ...] = ()
+    exact: tuple[str, ...] = ()
+
+    def notes(self) -> list[str]:
+        """Return the remarks, and what counts as exact."""
+        exact = ", ".join([*self.exact, "the sizes of the cloth"])
+        return [*super().notes(), f"Counted as exact: {exact}."]
 
     def figure(self) -> Figure:
         """Return a stacked bar for each quantity: the parts of its variance, in per cent.
@@ -133,30 +151,36 @@ def make_budget(
     parameters: Sequence[str],
     shares: np.ndarray,
     is_single: bool,
+    unknown: tuple[str, ...] = (),
+    exact: tuple[str, ...] = (),
 ) -> Budget:
     """Return the result of `budget`, with its total, its verdict and its table.
 
     `values_and_parts` are arrays (quantities,) or numbers by name: "value", and the standard
-    uncertainties of `WORDS` without "data". `measured` has a measured value and its uncertainty
-    by the text of a quantity. `parameters` are the names of the uncertain numbers, and `shares`
-    (quantities, parameters) their parts of input²; empty if they are not known. If `is_single`,
-    the result has numbers in place of arrays.
+    uncertainties of `WORDS` without "data"; a part that is left out is 0. `measured` has a
+    measured value and its uncertainty by the text of a quantity. `parameters` are the names of
+    the uncertain numbers, and `shares` (quantities, parameters) their parts of input²; empty if
+    they are not known. If `is_single`, the result has numbers in place of arrays. `unknown` and
+    `exact` are as in `Budget`.
     """
     D, data = np.array([measured.get(q.text, (np.nan, 0.0)) for q in quantities]).T
     columns: dict[str, Any] = {}
-    for name, numbers_of_name in {**values_and_parts, "data": data}.items():
+    zeros = dict.fromkeys(WORDS, 0.0)
+    for name, numbers_of_name in {**zeros, **values_and_parts, "data": data}.items():
         columns[name] = np.broadcast_to(numbers_of_name, D.shape)
     columns["total"] = np.sqrt(sum(columns[name] ** 2 for name in WORDS))
     columns["difference"] = columns["value"] - D
-    columns["agrees"] = np.abs(columns["difference"]) <= COVERS * columns["total"]
+    is_told = np.isfinite(columns["difference"] + columns["total"]) & (not unknown)
+    agrees = np.abs(columns["difference"]) <= COVERS * columns["total"]
+    columns["agrees"] = np.where(is_told, agrees.astype(object), None)
     energies = opened.first.energies
     sentences = []
     rows = []
     for i, quantity in enumerate(quantities):
-        numbers = {name: values[i].item() for name, values in columns.items()}
+        numbers = {name: values[i].item() for name, values in columns.items() if name != "agrees"}
         unit = quantity.unit(energies)
         inputs = dict(zip(parameters, shares[i], strict=True)) if shares.size else {}
-        verdict = _verdict(numbers, float(D[i]), unit, inputs, parameters)
+        verdict = _verdict(numbers, float(D[i]), unit, inputs, parameters, unknown)
         sentences.append(f"{quantity.text} = {verdict}")
         row: dict[str, Cell] = {"quantity": quantity.text, "unit": unit}
         row |= {name: numbers[name] for name in ("value", *WORDS, "total")}
@@ -173,6 +197,8 @@ def make_budget(
         quantities=tuple(quantity.text for quantity in quantities),
         parameters=tuple(parameters),
         shares=shares,
+        unknown=unknown,
+        exact=exact,
         **{name: values[selected] for name, values in columns.items()},
     )
 
@@ -183,13 +209,14 @@ def _verdict(
     unit: str,
     inputs: Mapping[str, float],
     parameters: Sequence[str],
+    unknown: Sequence[str],
 ) -> str:
     """Return in words a value, its uncertainties, the largest of them, and what was measured.
 
     `numbers` are the fields of `Budget` for one quantity, by name. `D` is the measured value;
     NaN if there is none. If there is one, the words say whether both agree. `parameters` are the
     names of the uncertain numbers, and `inputs` their parts of input² by name; empty if they are
-    not known.
+    not known. If the uncertainties of `unknown` constants are missing, they do not.
     """
     words = dict(WORDS)
     if not all(name.startswith("fabric") for name in parameters):
@@ -214,6 +241,12 @@ def _verdict(
     amount = f"{total:.2g}"
     if square:
         amount += f", of which {square**0.5:.2g} are of {largest}"
+    if unknown:
+        names = ", ".join(unknown)
+        missing = f"the uncertainty of {names} is not known. State it, or fit them"
+        if not is_measured:
+            return f"{text}: uncertain by at least {amount}; {missing}"
+        return f"{text}: no verdict on the model; {missing}"
     if not is_measured:
         return f"{text}: uncertain by {amount}"
     difference = abs(numbers["difference"])

@@ -35,12 +35,20 @@ class Computed:
         (n,) their derivatives by the place along the curve.
     shift
         The measured place where the curve begins.
+    start
+        The value where the curve begins; 0 of numbers without a curve.
     """
 
     values: np.ndarray
     slopes: np.ndarray
     along_slope: np.ndarray
     shift: float = 0.0
+    start: float = 0.0
+
+    @property
+    def changes(self) -> np.ndarray:
+        """(n,) changes of the values from the start."""
+        return self.values - self.start
 
 
 def computed_values(row: Mapping, number: int, count: int) -> Computed:
@@ -82,11 +90,13 @@ def computed_curve(
     spline = scipy.interpolate.CubicSpline
     curve = spline(a, q)
     slope = curve(inside, 1)
+    begin = np.clip(0.0, a[0], a[-1])
     return Computed(
         values=curve(inside) + slope * (places - inside),  # beyond the rows as at the end
         slopes=spline(a, dq)(inside) - slope[:, None] * spline(a, da)(inside),
         along_slope=np.where(is_slack, 0.0, slope),
         shift=shift or 0.0,
+        start=float(curve(begin) - curve(begin, 1) * begin),
     )
 
 
@@ -114,10 +124,16 @@ def _read_curve(
 
 
 def best_shift(curve: Callable[[float], Computed], points: Measured, reach: float) -> float:
-    """The shift with the least sum of squares, for a curve that is compared only."""
+    """The shift with the least sum of squares, for a curve that is compared only.
+
+    The changes of the curve may have any factor: this is what is compared.
+    """
 
     def misfit(shift: float) -> float:
-        residual = (curve(shift).values - points.values) / points.sigma
+        computed = curve(shift)
+        x = computed.changes / points.sigma
+        y = (points.values - computed.start) / points.sigma
+        residual = y - x * (x @ y) / (x @ x or 1.0)
         return float(residual @ residual)
 
     return float(minimize_scalar(misfit, bounds=(-reach, reach), method="bounded").x)

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from fecloth import validation
 from fecloth.errors import FeclothError, InputError
 from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.uncertainty import relative
 from fecloth.study.fitting.evaluation import Evaluation, Fitting, check_signs
 from fecloth.study.fitting.experiment import Experiment
 from fecloth.study.fitting.result import Fit, summarise
@@ -42,6 +43,7 @@ def fit(
     fabric: Mapping[str, Any] | Fabric | None = None,
     starts: int = 1,
     refined: bool = True,
+    specimens: float | str | None = None,
     title: str = "fit",
     **shared: Any,
 ) -> Fit:
@@ -51,6 +53,10 @@ def fit(
     derivatives of `fecloth.sensitivity`, and seeks positive constants by their logarithms. The
     result has for each constant its 95 % interval, whether the data tell it at all, and its
     shift by half of h and dt. The constants are the ones of the finer meshes.
+
+    The intervals hold for new specimens. They need two specimens of one direction, or a spread
+    of specimens that the user states; without, there are only the intervals of the data, which
+    hold for the specimens that were measured.
 
     Parameters
     ----------
@@ -65,6 +71,10 @@ def fit(
         Number of starts: the given one, and others between a third and three times of it.
     refined
         Whether the fit is repeated with half of h and dt.
+    specimens
+        Relative standard deviation of the curves of single specimens about their mean, as "5 %".
+        By default it is taken from the specimens in one direction: those that a column `repeat`
+        numbers, and experiments of the same problem.
     title
         A name for the report.
     shared
@@ -73,8 +83,8 @@ def fit(
     Returns
     -------
     Fit
-        With `values`, `intervals`, `covariance`, `identified`, `misfit`, `numerical`,
-        `law_fails` and `verdict`.
+        With `values`, `intervals`, `intervals_of_data`, `covariance`, `identified`, `misfit`,
+        `numerical`, `law_fails`, `specimens`, `law`, `predictions` and `verdict`.
 
     Raises
     ------
@@ -89,8 +99,9 @@ def fit(
     -----
     A constant is not told if its standard uncertainty is above a factor of 1.65, or above 0.25
     for Poisson's ratios; it has no interval then. The law is wrong if scatter alone gives such
-    residuals with a probability below 0.5 %, by χ², or by F where repeats give the scatter; no
-    constant has an interval then.
+    residuals with a probability below 0.5 %, by χ² of the worst curve, or by F where repeats give
+    the scatter; a constant has an interval then only if other curves tell how far the law is off,
+    see `fecloth/study/fitting/discrepancy.py`.
 
     Sources: Seber and Wild (1989), Nonlinear Regression; the trust region of Branch, Coleman
     and Li (1999) in `scipy.optimize.least_squares`.
@@ -115,11 +126,12 @@ def fit(
         raise InputError("experiments", "must be a list of Experiment", "fit")
     if not any(experiment.fitted for experiment in tests):
         raise InputError("experiments", "at least one must be fitted", "fit")
+    stated = None if specimens is None else relative("specimens", specimens, "fit")
     how = Runs(**{key: shared.pop(key) for key in OF_RUNS if key in shared})
     # `make_unknowns` refuses parameters that are no mapping
     begin = parameters if isinstance(parameters, Mapping) else {}
-    specimens = open_specimens(tests, begin, fabric, shared)
-    fitting = Fitting(specimens, make_unknowns(parameters, specimens), how)
+    opened = open_specimens(tests, begin, fabric, shared)
+    fitting = Fitting(opened, make_unknowns(parameters, opened), how)
     finer_fitting = fitting.finer() if refined else None
     _announce(fitting, finer_fitting, starts)
     end, starts_that_end_there = search(fitting, starts)
@@ -144,7 +156,7 @@ def fit(
         end = fitting.evaluate(end.u, only_fitted=False)
         if end.cause:
             remarks.append(f"not compared: {end.cause}")
-    return summarise(fitting, end, coarse_end, title, remarks)
+    return summarise(fitting, end, coarse_end, stated, title, remarks)
 
 
 def _announce(fitting: Fitting, finer: Fitting | None, starts: int) -> None:

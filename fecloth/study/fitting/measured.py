@@ -39,6 +39,8 @@ class Measured:
         (n,) changes from the start, or times; None for numbers without a curve.
     scatter
         (R, n) repeats minus their mean; None where the errors of points are independent.
+    repeats
+        (n,) number of the specimen, or of the pull, of each point.
     is_assumed
         Whether nobody states sigma, so that it is 2 %.
     along_unit
@@ -52,6 +54,7 @@ class Measured:
     sigma: np.ndarray
     along: np.ndarray | None = None
     scatter: np.ndarray | None = None
+    repeats: np.ndarray | None = None
     is_assumed: bool = False
     along_unit: str = ""
 
@@ -91,6 +94,7 @@ def read_measured(
             sigma=np.zeros(len(values[i])),  # set below
             along=along,
             along_unit=along_unit,
+            repeats=repeats,
         )
         read.append(_with_sigma(points, experiment, table, repeats))
     return tuple(read)
@@ -234,5 +238,10 @@ def _mean_of_repeats(points: Measured, table: DataTable, repeats: np.ndarray) ->
     round_off = np.finfo(float).eps * np.abs(mean).max()
     sigma = max(np.sqrt(variance / len(groups)), round_off)
     return replace(
-        points, values=mean, sigma=np.full(len(mean), sigma), along=places, scatter=scatter
+        points,
+        values=mean,
+        sigma=np.full(len(mean), sigma),
+        along=places,
+        scatter=scatter,
+        repeats=np.zeros(len(mean)),
     )

@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 
 from fecloth import errors
+from fecloth.fabric.uncertainty import UNKNOWN, merged
 from fecloth.scene.toml_text import to_toml
+from fecloth.study.constants_read import numbers_read
 from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.fitting import words
+from fecloth.study.fitting.discrepancy import Discrepancy, find_discrepancy, read_curve
 from fecloth.study.fitting.evaluation import Evaluation, Fitting
 from fecloth.study.fitting.measured import ASSUMED_SIGMA
 from fecloth.study.fitting.specimens import fabric_with
@@ -23,6 +26,7 @@ Interval = tuple[float, float]
 EMPTY = Table(())
 NO_INTERVAL = (float("nan"), float("nan"))
 PANELS_IN_ROW = 3  # of the figure
+COVERS = 2.0  # times a standard uncertainty is an interval, as `budget` reads it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,10 +48,14 @@ class Fit(StudyResult):
     values
         The constants by name, in SI units.
     intervals
-        The ends of the 95 % intervals by name; NaN where the data do not tell a constant, or
-        where the law is wrong.
+        The ends of the 95 % intervals of new specimens by name; NaN where the data do not tell a
+        constant, or nothing tells how much specimens differ, or how wrong a wrong law is.
+    intervals_of_data
+        The same of the specimens that were measured, by the noise of their points; NaN where the
+        data do not tell a constant, or where the law is wrong.
     covariance
-        Covariance of `values`, in their order and in SI units.
+        Covariance of `values`, in their order and in SI units: of the mean of all specimens if
+        `intervals` are known, else by the noise of points.
     identified
         Names of the constants that the data tell.
     misfit
@@ -57,6 +65,16 @@ class Fit(StudyResult):
         can be refined.
     law_fails
         Whether the misfit is larger than the uncertainties allow.
+    specimens
+        Relative standard deviation of the curves of specimens about their mean; NaN if unknown.
+    law
+        Relative standard uncertainty of a curve by the law; NaN if no curve is told by others.
+    specimens_and_law
+        Root of the sum of the squares of both, where `specimens` alone is not known; else NaN.
+    predictions
+        A table with a row for each column that was not fitted: the first and last value of its
+        curve, the 95 % interval of the last one for a new specimen, and the last value that all
+        its points give. The interval is NaN where the fitted data do not tell it.
     offsets
         The slack of each experiment with an offset, by its name and in SI units.
     experiments
@@ -69,11 +87,16 @@ class Fit(StudyResult):
 
     values: Mapping[str, float] = field(default_factory=dict)
     intervals: Mapping[str, Interval] = field(default_factory=dict)
+    intervals_of_data: Mapping[str, Interval] = field(default_factory=dict)
     covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     identified: tuple[str, ...] = ()
     misfit: float = np.nan
     numerical: Mapping[str, float] = field(default_factory=dict)
     law_fails: bool = False
+    specimens: float = np.nan
+    law: float = np.nan
+    specimens_and_law: float = np.nan
+    predictions: Table = EMPTY
     offsets: Mapping[str, float] = field(default_factory=dict)
     experiments: Table = EMPTY
     points: Table = EMPTY
@@ -83,7 +106,7 @@ class Fit(StudyResult):
     def resolved(self) -> bool:
         """Whether mesh and step shift each constant by less than half of its interval."""
         return not any(
-            abs(shift) > (self.intervals[name][1] - self.intervals[name][0]) / 2
+            abs(shift) > words.half_of(self.intervals_of_data[name])
             for name, shift in self.numerical.items()
         )
 
@@ -164,62 +187,116 @@ def summarise(
     fitting: Fitting,
     end: Evaluation,
     coarse_end: Evaluation | None,
+    stated: float | None,
     title: str,
     remarks: list[str],
 ) -> Fit:
     """Return the result of a fit: constants, intervals, tables, and the answer in words.
 
     `end` is where the search ended, and `coarse_end` is where it ended before h and dt were
-    halved; None if they were not. A constant that the data do not tell has no interval and no
-    shift; no constant has an interval if the law is wrong.
+    halved; None if they were not. `stated` is the spread of specimens that the user states, or
+    None. A constant that the data do not tell has no interval and no shift.
     """
     facts = statistics(end)
-    constants = fitting.constants
-    count = len(constants)
-    half_intervals = facts.quantile * np.sqrt(np.diag(facts.covariance))  # of u
+    scale = find_discrepancy(end, stated)
+    told = {constant.name: bool(facts.told[i]) for i, constant in enumerate(fitting.constants)}
+    of_data = dict.fromkeys(told, NO_INTERVAL)
+    if not facts.law_fails:
+        all_of_data = _intervals(fitting, end, facts.covariance, facts.quantile)
+        of_data |= {name: all_of_data[name] for name in told if told[name]}
+    intervals = dict.fromkeys(told, NO_INTERVAL)
+    V = facts.covariance
+    law_counts = not facts.law_fails or (scale is not None and np.isfinite(scale.law))
+    if scale and np.isfinite(scale.specimens) and law_counts:
+        V = scale.covariance(is_new=False)
+        new = _intervals(fitting, end, scale.covariance(is_new=True), scale.quantile)
+        intervals |= {name: new[name] for name in told if told[name]}
     values = {}
-    intervals = {}
     numerical = {}
     slopes = []
-    for i, constant in enumerate(constants):
+    for i, constant in enumerate(fitting.constants):
         name = constant.name
-        u = float(end.u[i])
-        values[name] = constant.at(u)
-        slopes.append(constant.slope(u))
-        intervals[name] = NO_INTERVAL
-        if facts.told[i] and not facts.law_fails:
-            intervals[name] = constant.spread(u, float(half_intervals[i]))
+        values[name] = constant.at(float(end.u[i]))
+        slopes.append(constant.slope(float(end.u[i])))
         numerical[name] = np.nan
-        if facts.told[i] and coarse_end:
+        if told[name] and coarse_end:
             numerical[name] = values[name] - coarse_end.values[name]
+    count = len(fitting.constants)
     # of the constants p, by the slopes dp/du; the offsets come last in u
-    covariance = facts.covariance[:count, :count] * np.outer(slopes, slopes)
+    covariance = V[:count, :count] * np.outer(slopes, slopes)
     rows: list[Any] = _rows_of_experiments(end)
+    predictions = _table_of_predictions(end, scale)
     verdict = [
         words.describe_fit(fitting, end, facts),
-        *(words.describe_value(name, values[name], intervals[name]) for name in values),
+        *words.describe_values(values, intervals, of_data),
+        *words.describe_specimens(scale),
         *words.describe_untold(fitting, facts),
-        *words.describe_resolution(numerical, intervals),
+        *words.describe_resolution(numerical, of_data),
         *words.describe_law(fitting, end, facts),
-        *words.describe_predictions(end),
+        *words.describe_predictions(end, predictions),
     ]
     return Fit(
         title=title,
         verdict="\n".join(verdict),
-        table=_table_of_constants(fitting, values, intervals, numerical),
+        table=_table_of_constants(fitting, values, intervals, of_data, numerical),
         values=values,
         intervals=intervals,
+        intervals_of_data=of_data,
         covariance=covariance,
-        identified=tuple(constant.name for i, constant in enumerate(constants) if facts.told[i]),
+        identified=tuple(name for name in told if told[name]),
         misfit=facts.misfit,
         numerical=numerical,
         law_fails=facts.law_fails,
+        specimens=scale.specimens if scale else np.nan,
+        law=scale.law if scale else np.nan,
+        specimens_and_law=scale.both if scale else np.nan,
+        predictions=predictions,
         offsets={row["experiment"]: row["offset"] for row in rows if row["offset"] is not None},
         experiments=Table(tuple(rows)),
         points=_table_of_points(end),
-        fabric=_fitted_fabric(fitting, values, intervals, covariance),
+        fabric=_fitted_fabric(fitting, values, intervals, covariance, scale),
         remarks=(*remarks, *_describe_held(fitting), *_describe_assumed(end)),
     )
+
+
+def _intervals(
+    fitting: Fitting, end: Evaluation, covariance: np.ndarray, quantile: float
+) -> dict[str, Interval]:
+    """Return the interval of each constant by its name; `covariance` (m, m) is of u."""
+    half_intervals = quantile * np.sqrt(np.diag(covariance))
+    return {
+        constant.name: constant.spread(float(end.u[i]), float(half_intervals[i]))
+        for i, constant in enumerate(fitting.constants)
+    }
+
+
+def _table_of_predictions(end: Evaluation, scale: Discrepancy | None) -> Table:
+    """Return the table `Fit.predictions`, for the columns that were not fitted and ran."""
+    rows: list[dict[str, Cell]] = []
+    for column in end.columns:
+        curve = None if column.is_fitted else read_curve(column)
+        if curve is None or scale is None:
+            continue
+        assert column.computed
+        start = column.computed.start
+        places = column.points.along
+        last = len(column.residual) - 1 if places is None else int(np.argmax(np.abs(places)))
+        change = float(column.computed.changes[last])
+        half = scale.quantile * float(np.sqrt(scale.variance(curve)))
+        ends = sorted(start + change * math.exp(end_of) for end_of in (-half, half))
+        rows.append(
+            {
+                "experiment": column.label,
+                "column": column.points.column,
+                "unit": column.points.unit,
+                "start": start,
+                "predicted": start + change,
+                "from": ends[0],
+                "to": ends[1],
+                "measured": start + change * math.exp(curve.amplitude),
+            }
+        )
+    return Table(tuple(rows))
 
 
 def _describe_held(fitting: Fitting) -> Iterator[str]:
@@ -253,9 +330,10 @@ def _table_of_constants(
     fitting: Fitting,
     values: Mapping[str, float],
     intervals: Mapping[str, Interval],
+    of_data: Mapping[str, Interval],
     numerical: Mapping[str, float],
 ) -> Table:
-    """Return the table of the constants: value, interval, shift and start, in SI.
+    """Return the table of the constants: value, intervals, shift and start, in SI.
 
     The arguments are by the names of the constants, as in `Fit`.
     """
@@ -266,6 +344,8 @@ def _table_of_constants(
             "value": values[constant.name],
             "from": intervals[constant.name][0],
             "to": intervals[constant.name][1],
+            "from, these specimens": of_data[constant.name][0],
+            "to, these specimens": of_data[constant.name][1],
             "shift by mesh and step": numerical[constant.name],
             "start": constant.start,
         }
@@ -339,12 +419,15 @@ def _fitted_fabric(
     values: Mapping[str, float],
     intervals: Mapping[str, Interval],
     covariance: np.ndarray,
+    scale: Discrepancy | None,
 ) -> dict[str, Any]:
     """Return the table [fabric] with the fitted constants, from the first scene of the fit.
 
     Its [fabric.uncertainty] has the standard uncertainties of the constants with an interval,
-    and their correlations. The table is empty if no problem is a scene, or if no constant of a
-    fabric was fitted. `covariance` (k, k) is the one of `values`, in their order.
+    their correlations, and the ones of specimens and of the law. They are so large that twice of
+    each covers 95 %. The other constants that the specimens depend on are "unknown", unless the
+    fabric of the fit states their uncertainty. The table is empty if no problem is a scene, or if
+    no constant of a fabric was fitted. `covariance` (k, k) is the one of `values`, in their order.
     """
     tables = (specimen.problem.tables.get("fabric") for specimen in fitting.specimens)
     table = next(filter(None, tables), None)
@@ -353,16 +436,22 @@ def _fitted_fabric(
         return {}
     fabric = fabric_with(table, constants)
     keys = [name.removeprefix("fabric.") for name in values]
-    has_interval = [name in constants and np.isfinite(intervals[name][0]) for name in values]
-    with_interval = np.flatnonzero(has_interval).tolist()
-    deviations = np.sqrt(np.diag(covariance))
-    uncertainty: dict[str, Any] = {keys[i]: float(deviations[i]) for i in with_interval}
-    correlations = []
-    for i, j in combinations(with_interval, 2):
-        correlation = float(covariance[i, j] / (deviations[i] * deviations[j]))
-        correlations.append([keys[i], keys[j], correlation])
-    if correlations:
-        uncertainty["correlation"] = correlations
-    if uncertainty:
-        fabric["uncertainty"] = uncertainty
-    return fabric
+    read = [name for specimen in fitting.specimens for name in numbers_read(specimen.problem)]
+    uncertainty: dict[str, Any] = {
+        name.removeprefix("fabric."): UNKNOWN for name in [*read, *constants]
+    }
+    uncertainty = merged(uncertainty, (), fabric.get("uncertainty", {}))
+    with_interval = [
+        i for i, name in enumerate(values) if name in constants and np.isfinite(intervals[name][0])
+    ]
+    if scale and with_interval:
+        widened = scale.quantile / COVERS
+        deviations = np.sqrt(np.diag(covariance))
+        uncertainty |= {keys[i]: float(widened * deviations[i]) for i in with_interval}
+        uncertainty["correlation"] = [
+            [keys[i], keys[j], float(covariance[i, j] / (deviations[i] * deviations[j]))]
+            for i, j in combinations(with_interval, 2)
+        ]
+        of_curves = {"specimen": scale.specimens, "law": scale.law}
+        uncertainty |= {key: float(widened * u) for key, u in of_curves.items() if u > 0}
+    return fabric | {"uncertainty": uncertainty}

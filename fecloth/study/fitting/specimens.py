@@ -9,7 +9,7 @@ import numpy as np
 
 from fecloth.errors import InputError, did_you_mean, is_number
 from fecloth.fabric.fabric import Fabric
-from fecloth.fabric.uncertainty import CONSTANTS
+from fecloth.fabric.uncertainty import CONSTANTS, merged
 from fecloth.scene.tables import Shorthands
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.setup import Setup
@@ -108,13 +108,16 @@ def _finer_values(problem: StudyProblem) -> dict[str, object]:
 
 
 def fabric_with(table: Mapping[str, Any], values: Values) -> dict[str, Any]:
-    """Return a copy of the table of a fabric with other constants, and without uncertainties.
+    """Return a copy of the table of a fabric with other constants, without their uncertainties.
 
     `values` are by names such as "fabric.density", or "fabric.tensile_stiffness.0" for the first
     number of a pair; names of other tables are passed over. Raise `InputError` for a name that
     is no constant of a fabric, and for a pair of which one number is missing.
     """
     fabric = {key: value for key, value in table.items() if key != "uncertainty"}
+    replaced = [name.split(".")[1] for name in values if name.startswith(f"{FABRIC}.")]
+    if stated := merged(table.get("uncertainty") or {}, replaced, {}):
+        fabric["uncertainty"] = stated
     for name, value in values.items():
         table_name, _, rest = name.partition(".")
         key, _, number = rest.partition(".")

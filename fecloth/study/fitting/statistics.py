@@ -1,8 +1,10 @@
 """What the points of a fit tell: covariance, unknowns that are not told, a law that is wrong.
 
 Let r be the residuals in units of their uncertainty, and J = ∂r/∂u. The covariance of u is
-J⁺ Σ J⁺ᵀ with J⁺ = (JᵀJ)⁻¹Jᵀ. Σ is 1 for independent errors and, for the mean of R repeats, their
-sample covariance over R. Singular values s of J are the inverse of the uncertainties of
+J⁺ Σ J⁺ᵀ with J⁺ = (JᵀJ)⁻¹Jᵀ. Σ is, for the mean of R repeats, their sample covariance over R. Of
+other curves it is ρ^|i−j|, with the correlation ρ of residuals that follow each other: n points
+count as n (1 − ρ)/(1 + ρ) independent ones (Box, Jenkins and Reinsel 1994, Time Series Analysis,
+section 3.2). Singular values s of J are the inverse of the uncertainties of
 combinations of u. Source: Seber and Wild (1989), Nonlinear Regression, chapters 2 and 3.
 """
 
@@ -69,18 +71,12 @@ def statistics(end: Evaluation) -> Statistics:
     It follows from the singular values of J, see the head of this module. The covariance is
     multiplied by the misfit where this is above 1.
     """
-    J = end.jacobian
     r = end.residual
-    U, s, Vt = np.linalg.svd(J, full_matrices=False)
-    if len(s) < J.shape[1]:
-        # with fewer points than unknowns, rows of zeros give the missing singular values, 0
-        padding = np.zeros((J.shape[1] - len(s), J.shape[1]))
-        U, s, Vt = np.linalg.svd(np.vstack([J, padding]))
+    inverse, s, Vt = pseudo_inverse(end.jacobian)
     s_above_0 = np.maximum(s, LEAST_SINGULAR)  # to divide by
-    inverse = (Vt.T / s_above_0) @ U[: len(r), : len(s)].T  # J⁺
     freedom = len(r) - int((s > LEAST_SINGULAR).sum())
     misfit = float(r @ r) / freedom if freedom > 0 else np.nan
-    covariance = _covariance(end.fitted, inverse)
+    covariance = covariance_of_points(end.fitted, inverse)
     uncertainty = np.sqrt(np.sum((Vt.T / s_above_0) ** 2, axis=1))
     # repeats may scatter by more than their sigma says
     larger_uncertainty = np.fmax(uncertainty, np.sqrt(np.diag(covariance)))
@@ -97,25 +93,53 @@ def statistics(end: Evaluation) -> Statistics:
     )
 
 
-def _covariance(columns: Sequence[Column], inverse: np.ndarray) -> np.ndarray:
-    """Return the covariance (m, m) of u: the sum of J⁺ Σ J⁺ᵀ over the fitted columns.
+def pseudo_inverse(J: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return J⁺ (m, n), the m singular values s of J (n, m), and Vᵀ (m, m).
+
+    Singular values below `LEAST_SINGULAR` count as this, so that J⁺ stays finite.
+    """
+    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    if len(s) < J.shape[1]:
+        # with fewer points than unknowns, rows of zeros give the missing singular values, 0
+        padding = np.zeros((J.shape[1] - len(s), J.shape[1]))
+        U, s, Vt = np.linalg.svd(np.vstack([J, padding]))
+    inverse = (Vt.T / np.maximum(s, LEAST_SINGULAR)) @ U[: len(J), : len(s)].T
+    return inverse, s, Vt
+
+
+def covariance_of_points(columns: Sequence[Column], inverse: np.ndarray) -> np.ndarray:
+    """Return the covariance (m, m) by the points of columns: the sum of J⁺ Σ J⁺ᵀ over these.
 
     `inverse` is J⁺ (m, n) of the points of all columns; the errors of different columns are
-    independent. Σ is 1 for a column of independent points. For a mean of repeats it is the
-    sample covariance of the R repeats over R.
+    independent. For a mean of repeats Σ is the sample covariance of the R repeats over R. For
+    another column it is ρ^|i−j| along the curve.
     """
     ends = np.cumsum([len(column.residual) for column in columns])[:-1]
     covariance = np.zeros((len(inverse), len(inverse)))
     for column, inverse_of_column in zip(columns, np.split(inverse, ends, axis=1), strict=True):
         points = column.points
-        if points.scatter is None:
-            covariance += inverse_of_column @ inverse_of_column.T
-        else:
+        if points.scatter is not None:
             # (m, R): by how much each repeat alone would move u
             moves = inverse_of_column @ (points.scatter / points.sigma).T
             R = moves.shape[1]
             covariance += moves @ moves.T / (R * (R - 1))
+            continue
+        order = np.arange(len(column.residual))
+        rho = 0.0
+        if points.along is not None:
+            repeats = 0 * order if points.repeats is None else points.repeats
+            order = np.lexsort((points.along, repeats))
+            rho = lag_correlation(column.residual[order])
+        ordered = inverse_of_column[:, order]
+        distance = np.abs(np.subtract.outer(np.arange(len(order)), np.arange(len(order))))
+        covariance += ordered @ rho**distance @ ordered.T
     return covariance
+
+
+def lag_correlation(r: np.ndarray) -> float:
+    """Return the correlation ρ ≥ 0 of residuals (n,) with the next ones, along a curve."""
+    square = float(r @ r)
+    return max(float(r[:-1] @ r[1:]) / square, 0.0) if square else 0.0
 
 
 def _free_repeats(columns: Sequence[Column], freedom: int) -> int:
@@ -145,27 +169,26 @@ def _groups(untold: np.ndarray, is_weak: np.ndarray) -> tuple[tuple[int, ...], .
 def _probability(columns: Sequence[Column], share: float) -> float:
     """Return the probability that scatter alone gives such large residuals.
 
-    All columns with independent errors are one part, which follows χ². Each mean of R repeats is
-    a part of its own. It follows the F distribution: its denominator has R − 1 degrees of
-    freedom, and its numerator (tr Σ)²/tr Σ², the number of independent ways in which the repeats
-    differ. The least probability of all parts is returned.
+    Each column is tested alone: the least probability times the number of columns is returned
+    (Bonferroni). Independent errors follow χ². The mean of R repeats follows the F distribution
+    with w and w (R − 1) degrees of freedom: w = (tr Σ)²/tr Σ² is the number of independent ways
+    in which the repeats differ.
 
-    `share` is the number of degrees of freedom over the number of points. Each part has this
+    `share` is the number of degrees of freedom over the number of points. Each column has this
     share of its points as degrees of freedom; without any, it says nothing.
     """
-    independent = [column.residual for column in columns if column.points.scatter is None]
-    r = np.concatenate([*independent, []])
-    probabilities = [1.0]
-    freedom = share * len(r)
-    if freedom > 0:
-        probabilities.append(float(chdtrc(freedom, r @ r)))
+    if share <= 0:
+        return 1.0
+    probabilities = []
     for column in columns:
         scatter = column.points.scatter
         r = column.residual
-        if scatter is not None and share > 0:
+        if scatter is None:
+            probabilities.append(float(chdtrc(share * len(r), r @ r)))
+        elif scatter.any():
             eigenvalues = np.linalg.svd(scatter, compute_uv=False) ** 2  # of Σ, up to a factor
             ways = eigenvalues.sum() ** 2 / (eigenvalues**2).sum()
             mean_square = r @ r / len(r) / share
-            free_repeats = len(scatter) - 1
-            probabilities.append(float(fdtrc(ways, free_repeats, mean_square)))
-    return min(probabilities)
+            free = ways * (len(scatter) - 1)
+            probabilities.append(float(fdtrc(ways, free, mean_square)))
+    return min(1.0, len(probabilities) * min(probabilities, default=1.0))

@@ -1,16 +1,18 @@
 """The answer of a fit in words: constants, what is not told, the law, mesh and step."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from fecloth.errors import amount
 from fecloth.fabric.uncertainty import CONSTANTS
 from fecloth.quantities.digits import with_uncertainty
+from fecloth.study.fitting.discrepancy import Discrepancy
 from fecloth.study.fitting.evaluation import Column, Evaluation, Fitting
 from fecloth.study.fitting.measured import ASSUMED_SIGMA
 from fecloth.study.fitting.statistics import Statistics
-from fecloth.study.result import in_percent
+from fecloth.study.result import Table, in_percent
 
 PARTS_OF_CURVE = 3  # begin, middle and end, for where the law fails
 WORST_PARTS = 4  # parts of curves that are named, where the law fails
@@ -35,12 +37,45 @@ def unit_of(name: str) -> str:
     return dimension.si if dimension else ""
 
 
-def describe_value(name: str, value: float, interval: tuple[float, float]) -> str:
-    """A constant with half of its interval, as far as it is told."""
-    half = (interval[1] - interval[0]) / 2
-    if np.isfinite(half):
-        return f"{name} = {with_uncertainty(value, half, unit_of(name))} (95 %)"
-    return f"{name} = {value:.4g} {unit_of(name)}".rstrip() + ", no interval"
+def half_of(interval: tuple[float, float]) -> float:
+    """Half of the length of an interval."""
+    return (interval[1] - interval[0]) / 2
+
+
+def describe_values(
+    values: Mapping[str, float],
+    intervals: Mapping[str, tuple[float, float]],
+    of_data: Mapping[str, tuple[float, float]],
+) -> Iterator[str]:
+    """Yield each constant with half of its interval, of new specimens or of these, if known."""
+    for name, value in values.items():
+        unit = unit_of(name)
+        half = half_of(intervals[name])
+        half_of_data = half_of(of_data[name])
+        if np.isfinite(half):
+            yield f"{name} = {with_uncertainty(value, half, unit)} (95 %, a new specimen)"
+        elif np.isfinite(half_of_data):
+            yield f"{name} = {with_uncertainty(value, half_of_data, unit)} (95 %, this specimen)"
+        else:
+            yield f"{name} = {value:.4g} {unit}".rstrip() + ", no interval"
+
+
+def describe_specimens(scale: Discrepancy | None) -> Iterator[str]:
+    """Yield sentences on how much specimens differ, and on how far the law is off."""
+    if scale is None:
+        return
+    if np.isfinite(scale.specimens):
+        how = "as stated" if scale.is_stated else f"from {scale.experiments} specimens"
+        yield f"specimens differ by {in_percent(scale.specimens)} (standard deviation, {how})"
+    else:
+        yield (
+            "the intervals hold for these specimens only: each direction has one. Measure two "
+            'more of each, numbered by a column repeat, or state specimens = "5 %"'
+        )
+    if np.isfinite(scale.law):
+        yield f"the law is off by {in_percent(scale.law)} (standard deviation, of curves left out)"
+    elif np.isfinite(scale.both):
+        yield f"specimens and law together are off by {in_percent(scale.both)} (curves left out)"
 
 
 def describe_untold(fitting: Fitting, facts: Statistics) -> Iterator[str]:
@@ -128,23 +163,29 @@ def describe_resolution(
             )
 
 
-def describe_predictions(end: Evaluation) -> Iterator[str]:
+def describe_predictions(end: Evaluation, predictions: Table) -> Iterator[str]:
     """Yield a sentence for each column that is not fitted: how far the fit is off there.
 
-    The root of the mean square of the differences is given twice: in per cent of the largest
-    value of the column, and in units of the uncertainty of its points.
+    `predictions` are as in `Fit`.
     """
+    intervals = {(row["experiment"], row["column"]): row for row in predictions}
     for column in end.columns:
         if column.is_fitted:
             continue
         points = column.points
         r = column.residual
         share = float(np.sqrt(np.mean((r * points.sigma) ** 2))) / points.largest
-        yield (
-            f"not fitted: {column.label}: {points.column} is off by "
-            f"{in_percent(share)} of the largest value (rms), {np.sqrt(np.mean(r**2)):.2g} "
-            "times the uncertainty of the points"
-        )
+        words = f"not fitted: {column.label}: {points.column} is off by {in_percent(share)} (rms)"
+        row: Any = intervals.get((column.label, points.column))
+        if row is None:
+            yield words
+        elif np.isnan(row["from"]):
+            yield f"{words}; the fitted data do not tell it"
+        else:
+            verb = "is" if row["from"] <= row["measured"] <= row["to"] else "is not"
+            interval = f"{row['from']:.4g} to {row['to']:.4g} {row['unit']}".rstrip()
+            measured = f"{row['measured']:.4g} {verb} in the interval of a new specimen"
+            yield f"{words}; its end, {measured}, {interval} (95 %)"
 
 
 def describe_fit(fitting: Fitting, end: Evaluation, facts: Statistics) -> str:

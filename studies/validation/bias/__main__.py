@@ -297,7 +297,7 @@ def curve_rows(answer: fc.Fit) -> list[dict[str, Any]]:
     """The fitted stiffnesses with half of their 95 % intervals."""
     rows, begin = [], 0.0
     for (name, value), angle in zip(answer.values.items(), ANGLES, strict=False):
-        low, high = answer.intervals[name]
+        low, high = answer.intervals_of_data[name]
         half = f" ± {(high - low) / 2:.2g}" if math.isfinite(low) else ", not told"
         words = f"{begin:g} to {angle:g}"
         rows.append({"angle [rad]": words, "dS/dE [N/m]": f"{value:.3g}{half}"})

@@ -83,13 +83,16 @@ class Strip:
         keys += QUICK if steps == FEW else ()
         return pages.scene_with(SCENE, keys, **({"fabric": fabric} if fabric else {}))
 
-    def experiment(self, steps: int, poisson: float, sigma: float) -> fc.Experiment:
+    def experiment(
+        self, steps: int, poisson: float, sigma: float, fitted: bool = True
+    ) -> fc.Experiment:
         """What `fc.fit` compares: force over extension, with a slack of its own."""
         data = {"extension [m]": self.extension.tolist(), "force [N]": self.force.tolist()}
         fabric = pages.scene_with(SCENE).to_tables()["fabric"] | {"poisson_ratio": poisson}
         return fc.Experiment(
             self.scene(None, steps, fabric), data, {"force": FORCE}, {"extension": "grip.x"},
             sigma=f"{100 * sigma:.6g} %", offset=True, name=f"{self.angle}°",
+            fitted=fitted,
         )  # fmt: skip
 
 
@@ -155,7 +158,7 @@ def constants(words: str, answer: fc.Fit) -> dict[str, Any]:
     """A row of a table: the constants of a fit with half of their 95 % intervals."""
     row: dict[str, Any] = {"fit": words}
     for name, short in NAMES.items():
-        low, high = answer.intervals[name]
+        low, high = answer.intervals_of_data[name]
         half = f" ± {(high - low) / 2:.2g}" if math.isfinite(low) else ", no interval"
         row[f"{short} [N/m]"] = f"{answer.values[name]:.4g}{half}"
     rms = {line["experiment"]: f"{line['rms %']:.2f}" for line in answer.experiments}
@@ -198,7 +201,7 @@ def main() -> int:
             constants("all five", five),
             constants(f"all five, scatter {100 * small:.2f} %", strict),
         ]
-        without = sum(math.isnan(low) for low, _ in strict.intervals.values())
+        without = sum(math.isnan(low) for low, _ in strict.intervals_of_data.values())
         findings += [
             harness.Finding("all five, scatter 2 %: the law is wrong (1)", five.law_fails),
             harness.Finding(

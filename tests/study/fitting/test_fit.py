@@ -39,12 +39,63 @@ def test_constant_and_interval_by_their_closed_form():
     answer = fc.fit([drawn_strip(values, sigma=0.02 * force(1234.0))], {"stiffness": 900.0})
     assert answer.values["stiffness"] == pytest.approx(1234.0, rel=1e-5)
     half = 3.1824463 * 0.02 / 2  # the 97.5 % point of t with 3 degrees of freedom
-    assert answer.intervals["stiffness"] == pytest.approx(1234.0 * np.exp([-half, half]), rel=1e-3)
+    of_data = answer.intervals_of_data["stiffness"]
+    assert of_data == pytest.approx(1234.0 * np.exp([-half, half]), rel=1e-3)
+    assert np.isnan(answer.intervals["stiffness"]).all()  # of one strip
+    assert "hold for these specimens only" in answer.verdict
     assert answer.covariance[0, 0] == pytest.approx((1234.0 * 0.01) ** 2, rel=1e-3)
     assert answer.misfit == pytest.approx(2 * 0.5**2 / 3, rel=1e-3)
     assert answer.identified == ("stiffness",)
     assert answer.numerical["stiffness"] == pytest.approx(0.0, abs=0.01)  # of an interval of ± 39
     assert answer.exit_status == 0
+
+
+def drawn_strips(factors, **more):
+    values = force(1000.0) * np.exp(factors)
+    data = {"force [N]": values, "repeat": range(len(values))}
+    return fc.Experiment(
+        strip, data, {"force": "reaction.right.x"}, sigma="repeats", h=0.25, **more
+    )
+
+
+def test_the_interval_of_a_new_strip_by_its_closed_form():
+    """Of ln Y: t √(τ² (1 + 1/R)), with τ of R strips and t of R − 1 degrees of freedom."""
+    factors = np.array([-0.05, 0.02, 0.03])
+    answer = fc.fit([drawn_strips(factors)], {"stiffness": 900.0}, refined=False)
+    Y = 1000.0 * np.exp(factors).mean()
+    tau = np.std(np.log(np.exp(factors) * 1000.0 / Y), ddof=1)
+    assert answer.specimens == pytest.approx(tau, rel=1e-4)
+    half = 4.3026527 * tau * np.sqrt(1 + 1 / 3)
+    assert answer.intervals["stiffness"] == pytest.approx(Y * np.exp([-half, half]), rel=1e-4)
+    assert answer.covariance[0, 0] == pytest.approx((Y * tau) ** 2 / 3, rel=1e-4)
+    assert np.isnan(answer.law)
+    assert answer.exit_status == 0
+
+
+def test_a_spread_of_specimens_that_is_stated():
+    """One strip and τ = 5 %: ± 1.96 · 5 % √2, beside the noise of 0.1 %."""
+    test = drawn_strip([force(1000.0)], sigma="0.1 %")
+    answer = fc.fit([test], {"stiffness": 900.0}, refined=False, specimens="5 %")
+    half = 1.9599640 * np.sqrt(2 * 0.05**2 + 0.001**2)
+    assert answer.intervals["stiffness"] == pytest.approx(1000 * np.exp([-half, half]), rel=1e-5)
+    with pytest.raises(InputError, match="specimens = 'much': must be a relative standard"):
+        fc.fit([test], {"stiffness": 900.0}, specimens="much")
+
+
+def test_a_strip_that_was_not_fitted_is_predicted_with_an_interval():
+    """It is off by τ² (1/R + 1): three strips were fitted, and one more of the same is told."""
+    factors = np.array([-0.05, 0.02, 0.03])
+    other = drawn_strip([1.3 * force(1000.0)], sigma="1 %", fitted=False, name="other")
+    tests = [drawn_strips(factors), other]
+    answer = fc.fit(tests, {"stiffness": 900.0}, refined=False)
+    (row,) = answer.predictions
+    noise = 0.01 * 1.3 * force(1000.0) / row["predicted"]
+    v = answer.specimens**2 * (1 + 1 / 3) + noise**2
+    half = 4.3026527 * np.sqrt(v)
+    ends = row["predicted"] * np.exp([-half, half])
+    assert (row["from"], row["to"]) == pytest.approx(ends, rel=1e-3)
+    assert row["measured"] == pytest.approx(1.3 * force(1000.0))
+    assert "is not in the interval of a new specimen" in answer.verdict
 
 
 @pytest.mark.parametrize("start", [100.0, 10000.0])
@@ -158,7 +209,8 @@ def test_curve_with_an_offset_from_a_file(folder):
     assert "taken as given, and not measured: areal_density = 0.2, shear" in answer.remarks[0]
     assert "do not tell tensile_stiffness.1: a strip under tension along that" in answer.verdict
     assert answer.fabric["shear_stiffness"] == 300.0
-    assert list(answer.fabric["uncertainty"]) == ["tensile_stiffness.0"]
+    unknown = ("poisson_ratio", "shear_stiffness", "tensile_stiffness.0", "tensile_stiffness.1")
+    assert answer.fabric["uncertainty"] == dict.fromkeys(unknown, "unknown")
 
 
 def test_a_published_fabric_gives_what_is_not_fitted(folder):
@@ -172,12 +224,32 @@ def test_a_published_fabric_gives_what_is_not_fitted(folder):
 
 
 def test_the_fitted_fabric_serves_a_scene_with_its_uncertainty(folder):
+    """Stated constants keep their uncertainty; what the fit does not tell stays unknown."""
+    stated = 'shear_stiffness = 300.0\nuncertainty = { shear_stiffness = "5 %" }'
+    text = FIT.replace("shear_stiffness = 300.0", stated)
+    (folder / "FIT.toml").write_text('specimens = "4 %"\nrefined = false\n' + text)
     answer = fit_file.fit(folder / "FIT.toml")
     answer.report(folder)
     fabric = fc.Fabric.read(folder / "fitted.toml")
-    assert fabric.tensile[0] == pytest.approx(800.0, rel=1e-5)
-    deviation = np.sqrt(answer.covariance[0, 0])
-    assert fabric.uncertainty.standard(fabric) == {"tensile_stiffness.0": pytest.approx(deviation)}
+    assert fabric.tensile[0] == pytest.approx(800.0, rel=1e-4)
+    # twice of it covers 95 %
+    deviation = 1.9599640 / 2 * np.sqrt(answer.covariance[0, 0])
+    known = {"tensile_stiffness.0": pytest.approx(deviation), "shear_stiffness": 15.0}
+    assert fabric.uncertainty.standard(fabric) == known
+    assert fabric.uncertainty.specimen == pytest.approx(1.9599640 / 2 * 0.04)
+    scene = SCENE.partition("[fabric]")[0] + '[fabric]\nfile = "fitted.toml"\n'
+    scene += SCENE[SCENE.index("[[terms]]") :]
+    (folder / "next.toml").write_text(scene)
+    measured = {"reaction.grip.x": (60.0, 0.1)}
+    known = fc.budget(folder / "next.toml", measured=measured)
+    assert known.agrees[0] is None
+    assert known.specimen[0] == pytest.approx(1.9599640 / 2 * 0.04 * known.value[0])
+    names = "fabric.tensile_stiffness.1, fabric.poisson_ratio is not known"
+    assert f"no verdict on the model; the uncertainty of {names}" in known.verdict
+    exact = {"fabric.tensile_stiffness.1": 0.0, "fabric.poisson_ratio": 0.0}
+    answer = fc.budget(folder / "next.toml", exact, measured)
+    assert answer.agrees[0] is False
+    assert "differs" in answer.verdict or "wrong" in answer.verdict
 
 
 def test_command_writes_curves_and_the_fabric_and_goes_on_from_stored_runs(folder, capsys):

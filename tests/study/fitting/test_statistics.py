@@ -121,6 +121,27 @@ def test_threshold_of_the_law_by_repeats(factor, fails):
     assert facts.law_fails == fails
 
 
+def test_residuals_that_follow_each_other_count_as_fewer_points():
+    """A mean of n points: Σ ρ^|i−j|/n², with the correlation ρ of residuals next to each other."""
+    r = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0, -1.0, -1.0])
+    rho = 3 / 10  # of 9 products 6 are positive
+    facts = facts_of(np.ones((10, 1)), r)
+    places = np.arange(10)
+    expected = (rho ** np.abs(np.subtract.outer(places, places))).sum() / 100
+    assert facts.covariance[0, 0] == pytest.approx(expected * 10 / 9, rel=1e-9)
+
+
+def test_the_worst_curve_tells_that_the_law_is_wrong():
+    """χ² of 9 of 10 points alone, times two curves: pooled with a good curve it would be hidden."""
+    size = np.sqrt(stats.chi2.isf(0.4 * WRONG_LAW, 9.5) / 10)
+    points = Measured("f", "f", "N", 0 * X, 1 + 0 * X, X)
+    specimen = SimpleNamespace(experiment=SimpleNamespace(fitted=True))
+    columns = [Column(specimen, points, f * np.ones(10), X[:, None]) for f in (size, 0.0)]
+    facts = statistics(Evaluation(np.zeros(1), {}, tuple(columns)))
+    assert facts.probability == pytest.approx(0.8 * WRONG_LAW, rel=1e-6)
+    assert facts.law_fails
+
+
 def coverage(scatter_of):
     """How often the interval of the slope of a line, fitted to noisy points, has the true one."""
     random, count, covered = np.random.default_rng(3), 400, 0

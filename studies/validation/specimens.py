@@ -1,0 +1,266 @@
+"""Do the stated 95 % hold for specimens, angles and quantities that were left out of the fit?
+
+Each row is a curve that took no part in its fit: an angle of the bonded nylon, whose other four
+angles are fitted; a repeat of a knit, with the other four; a force or a width of a knit, with the
+other three; and cotton with the constants of acrylic, which is shown without a limit. What the
+constants, the spread of specimens and the error of the law are is found anew for each row, from
+the other curves alone (`fecloth/study/fitting/discrepancy.py`). Compared is the value at the end
+of the curve as all of its points give it: computed end times measured/computed amplitude.
+
+Fixed before the first comparison, and not changed after: nylon begins at 20, 40 and 2 kN/m for
+warp, weft and shear, Poisson's ratio 0, σ = 2 %, h = 2.25 mm; knits begin at 100, 100, 30 N/m and
+0.3, up to 25 % of extension, h = 1/6 of the length; 12 and 6 load steps. A curve is not told, and
+has no interval, where the constants from the other curves alone leave its amplitude uncertain by
+a factor above exp(0.5) = 1.65, which is the limit for a constant itself (a direction that others
+do not tell), or where no other curve has put the law to the test. It never counts as covered.
+
+The interval score (Gneiting and Raftery 2007, J. Am. Statist. Assoc. 102, equation 43) is the
+length of the interval, plus 40 times the distance by which it misses; here relative to what was
+measured. The constant guess has the interval mean ± t sd √(1 + 1/n) of the same quantity of all
+other specimens of the fabric. Both are scored on the rows that have an interval.
+
+    python -m studies.validation.specimens [--quick]
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+import fecloth as fc
+from studies import harness
+from studies.fit import knits
+from studies.validation.nylon import __main__ as nylon
+from studies.validation.pages import quietly
+
+ANGLES = 0, 30, 45, 75, 90
+YARNS = "acrylic", "cotton"
+PART = 0.25  # of the extension of a knit
+COLUMNS = {"force": "reaction.right.x", "half": "pin.y"}  # half of the width
+NOISE = 0.01  # of a curve that is compared only, over its change
+MISS = 40.0  # 2/α of the score, with α = 5 %
+LEAST_COVERED = 0.9
+Rows = list[dict[str, Any]]
+
+
+def nylon_rows(angles: Sequence[int], steps: int) -> Rows:
+    """Each angle left out: the force at its end, of twelve strips."""
+    ends = {angle: float(nylon.Strip.read(angle).force.max()) for angle in ANGLES}
+    rows = []
+    for left_out in angles:
+        tests = [
+            nylon.Strip.read(angle).experiment(steps, 0.0, nylon.SIGMA, fitted=angle != left_out)
+            for angle in ANGLES
+        ]
+        answer = quietly(fc.fit, tests, nylon.START, refined=False)
+        (line,) = answer.predictions
+        others = [ends[angle] for angle in ANGLES if angle != left_out]
+        rows.append(row_of("nylon", f"{left_out}°", "angle", line, answer, others))
+    return rows
+
+
+def knit_test(
+    yarn: str, knit: str, direction: str, columns: Sequence[str], kept: Sequence[int], fitted: bool
+) -> fc.Experiment:
+    """Columns of some repeats; the specimen is the same whichever repeats are kept."""
+    data, length, width = knits.read(knit, direction, PART, yarn)
+    across, reach = data["half [m]"][0], max(data["extension [m]"])
+    table = np.array(list(data.values()))
+    table = table[:, np.isin(table[0], list(kept))]
+    some = dict(zip(data, table.tolist(), strict=True))
+    sizes = {name: NOISE * float(np.ptp(table[list(COLUMNS).index(name) + 2])) for name in columns}
+    return fc.Experiment(
+        partial(
+            knits.strip, steps=knits.STEPS, length=length, width=width, reach=reach,
+            angle=knits.ALONG[direction],
+        ),
+        some,
+        {name: COLUMNS[name] for name in columns},
+        {"extension": "grip.x"},
+        sigma="repeats" if fitted else sizes,
+        fitted=fitted,
+        name=f"{knit}, {direction}" if fitted else f"{knit}, {direction}, left out",
+        h=1 / knits.CELLS,
+        t_end=1.0,
+        probes=(
+            fc.Probe("grip", "right"),
+            fc.Probe("pin", point=(length / 2, width / 2 + min(across, 0.4999 * width))),
+        ),
+    )  # fmt: skip
+
+
+def changes_at_end(yarn: str, knit: str, name: str) -> dict[tuple[str, int], float]:
+    """The measured change at the end of each repeat of both directions."""
+    found = {}
+    for direction in knits.ALONG:
+        data, _, _ = knits.read(knit, direction, PART, yarn)
+        table = np.array(list(data.values()))
+        for number in np.unique(table[0]):
+            column = table[:, table[0] == number][list(data).index(f"{name} [{UNITS[name]}]")]
+            found[direction, int(number)] = float(column[-1] - column[0])
+    return found
+
+
+UNITS = {"force": "N", "half": "m"}
+
+
+def knit_rows(yarn: str, knit: str, repeats: Sequence[int]) -> Rows:
+    """Each of some repeats left out of both directions, then each force and width."""
+    every = range(1, 6)
+    rows = []
+    start = knits.START
+    for left_out in repeats:
+        kept = [number for number in every if number != left_out]
+        tests = [
+            knit_test(yarn, knit, d, list(COLUMNS), numbers, fitted)
+            for d in knits.ALONG
+            for numbers, fitted in ((kept, True), ([left_out], False))
+        ]
+        answer = quietly(fc.fit, tests, start, refined=False)
+        for line in answer.predictions:
+            direction = line["experiment"].split(", ")[1]
+            known = changes_at_end(yarn, knit, line["column"])
+            others = [x for key, x in known.items() if key != (direction, left_out)]
+            words = f"{direction}, repeat {left_out}"
+            rows.append(row_of(f"{yarn} {knit}", words, "repeat", line, answer, others))
+    for left_out_direction in knits.ALONG:
+        for name in COLUMNS:
+            tests = []
+            for d in knits.ALONG:
+                fitted = [c for c in COLUMNS if (d, c) != (left_out_direction, name)]
+                tests.append(knit_test(yarn, knit, d, fitted, every, True))
+            tests.append(knit_test(yarn, knit, left_out_direction, [name], every, False))
+            answer = quietly(fc.fit, tests, start, refined=False)
+            known = changes_at_end(yarn, knit, name)
+            others = [x for (d, _), x in known.items() if d != left_out_direction]
+            (line,) = answer.predictions
+            fabric = f"{yarn} {knit}"
+            rows.append(row_of(fabric, left_out_direction, "quantity", line, answer, others))
+    return rows
+
+
+def other_yarn_rows(knit: str) -> Rows:
+    """Cotton with what a fit to acrylic says."""
+    every = range(1, 6)
+    names = list(COLUMNS)
+    tests = [knit_test("acrylic", knit, d, names, every, True) for d in knits.ALONG]
+    tests += [knit_test("cotton", knit, d, names, every, False) for d in knits.ALONG]
+    answer = quietly(fc.fit, tests, knits.START, refined=False)
+    rows = []
+    for line in answer.predictions:
+        direction = line["experiment"].split(", ")[1]
+        others = list(changes_at_end("acrylic", knit, line["column"]).values())
+        rows.append(row_of(f"cotton {knit}", direction, "yarn", line, answer, others))
+    return rows
+
+
+def row_of(
+    fabric: str,
+    specimen: str,
+    kind: str,
+    line: Mapping[str, Any],
+    answer: fc.Fit,
+    others: Sequence[float],
+) -> dict[str, Any]:
+    """A left-out curve: changes from the start, its interval, and the constant guess."""
+    start = line["start"]
+    low, high, predicted, measured = (
+        line[key] - start for key in ("from", "to", "predicted", "measured")
+    )
+    mean, n = float(np.mean(others)), len(others)
+    half = float(stats.t.ppf(0.975, n - 1) * np.std(others, ddof=1) * math.sqrt(1 + 1 / n))
+    told = math.isfinite(low)
+    return {
+        "fabric": fabric,
+        "left out": kind,
+        "specimen": specimen,
+        "quantity": f"{line['column']} [{line['unit']}]",
+        "predicted": predicted,
+        "from": low,
+        "to": high,
+        "measured": measured,
+        "covered": ("yes" if low <= measured <= high else "no") if told else "not told",
+        "score": score(low, high, measured),
+        "score of a constant": score(mean - half, mean + half, measured),
+        "specimens": answer.specimens,
+        "law": answer.law,
+        "both": answer.specimens_and_law,
+    }
+
+
+def score(low: float, high: float, measured: float) -> float:
+    """The interval score, relative to what was measured; NaN without an interval."""
+    missed = max(low - measured, measured - high, 0.0)
+    return (high - low + MISS * missed) / abs(measured)
+
+
+def summaries(rows: Rows) -> Rows:
+    """A line for each kind of rows, and one for all but other yarns."""
+    kinds = list(dict.fromkeys(row["left out"] for row in rows))
+    lines = []
+    for words in [*kinds, "all but yarn"]:
+        own = [row for row in rows if row["left out"] == words]
+        if words == "all but yarn":
+            own = [row for row in rows if row["left out"] != "yarn"]
+        told = [row for row in own if row["covered"] != "not told"]
+        covered = sum(row["covered"] == "yes" for row in told)
+        line: dict[str, Any] = {"left out": words, "curves": len(own), "told": len(told)}
+        line["covered"] = covered
+        if told:
+            low, high = stats.binomtest(covered, len(told)).proportion_ci(0.95, "exact")
+            line["Clopper-Pearson 95 %"] = f"{low:.2f} to {high:.2f}"
+            for name in "score", "score of a constant":
+                line[f"mean {name}"] = float(np.mean([row[name] for row in told]))
+        lines.append(line)
+    return lines
+
+
+def main() -> int:
+    options = harness.parse_arguments(__doc__ or "")
+    angles, repeats, pairs, steps = ANGLES, range(1, 6), None, nylon.STEPS
+    if options.quick:
+        angles, repeats, pairs, steps = (45,), (1,), [("acrylic", "garter")], nylon.FEW
+    rows = nylon_rows(angles, steps)
+    for yarn, knit in pairs or [(yarn, knit) for yarn in YARNS for knit in knits.KNITS]:
+        rows += knit_rows(yarn, knit, repeats)
+    if not options.quick:
+        for knit in knits.KNITS:
+            rows += other_yarn_rows(knit)
+    lines = summaries(rows)
+    total = lines[-1]
+    findings = [
+        harness.Finding(
+            "share of told curves that their interval covers",
+            total["covered"] / total["told"],
+            LEAST_COVERED,
+        ),
+        harness.Finding(
+            "mean interval score over that of a constant guess",
+            total["mean score"] / total["mean score of a constant"],
+            high=1.0,
+        ),
+    ]
+    shown = [
+        {k: v for k, v in row.items() if k not in ("specimens", "law", "both")} for row in rows
+    ]
+    apart = [row for row in shown if row["left out"] != "repeat"]
+    title, what = harness.about(__doc__)
+    return harness.write_report(
+        options,
+        title,
+        rows,
+        conclusion=what,
+        findings=[] if options.quick else findings,
+        tables={"Summary": lines, "Angles, quantities and yarns": apart},
+        page=Path(__file__).with_suffix(""),
+    )
+
+
+if __name__ == "__main__":
+    harness.run_main(main)
