@@ -163,6 +163,18 @@ def test_the_gallery_has_a_picture_and_the_commands_of_each_scene(pages):
     assert sorted(pictures) == sorted(2 * list(scenes))  # a thumbnail and a picture of each
 
 
+def test_the_package_index_can_follow_every_link(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs" / "extensions")
+    text = import_module("absolute_links").absolute(read("README.md"), "https://host/repo")
+    links = re.findall(r"\]\(([^)]*)\)", text)
+    assert len(links) > 20
+    for link in links:
+        if not link.startswith("http") or link.startswith("https://host/repo/"):
+            path = re.sub(r"[?#].*", "", link.removeprefix("https://host/repo/"))
+            assert link.startswith("https://host/repo/"), link
+            assert (ROOT / path).exists(), link
+
+
 @pytest.fixture
 def public_names(monkeypatch):
     """The extension that lists them."""
