@@ -133,7 +133,7 @@ def test_the_reference_has_every_public_name(pages):
 
 
 def test_formulas_and_the_fields_of_results_are_shown(pages):
-    terms, runs = pages["api/names/Springs.html"], pages["api/names/Result.html"]
+    terms, runs = pages["api/names/BaraffWitkin.html"], pages["api/names/Result.html"]
     assert "½ k_u (|w_u| − b_u)²" in re.sub(r"<[^>]*>", "", terms)
     assert "Wall seconds by phase" in runs
     assert "Annotated" not in terms + runs
