@@ -75,7 +75,7 @@ class SolverTable(_NewtonFields):
 
     model_config: ClassVar = {"use_attribute_docstrings": True}
 
-    linear: Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"] = "auto"
+    linear: Literal["auto", "direct", "pardiso", "rslab", "superlu", "pcg", "multigrid"] = "auto"
     """The linear solver."""
     threads: int | Literal["auto"] = "auto"
     """Threads that share all loops: a number, or "auto"."""

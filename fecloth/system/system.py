@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy.sparse as sparse
+from scipy.sparse.linalg import SuperLU, splu
 
 from fecloth import validation
 from fecloth.compiled.team import Team
@@ -652,6 +653,12 @@ class System:
         slides its columns are unit vectors, along `free`.
         """
         return self.constraints.admissible(len(self.cloth.X))
+
+    @cached_property
+    def free_mass(self) -> SuperLU:
+        """A factor of ZᵀMZ, with Z of `admissible`."""
+        Z = self.admissible
+        return splu((Z.T @ self.mass @ Z).tocsc())
 
     @property
     def symmetric(self) -> bool:

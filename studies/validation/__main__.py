@@ -30,7 +30,7 @@ FOLDERS = {  # with what each says of the law, in a sentence
 }
 ABOUT = f"""# Validation: predicted beside measured
 
-After this page you know which measurements of real cloth fecloth predicts, how well, and which it
+See which measurements of real cloth fecloth predicts, how well, and which it
 does not.
 
 `python -m studies.validation` makes this page from the numbers of the folders, and
