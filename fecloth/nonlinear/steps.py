@@ -5,7 +5,7 @@ that helps (`remedies`), and how far to go along it (`line_search`). What it kno
 is a `progress.Progress`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -41,7 +41,7 @@ class Steps:
     """One iteration after the other: `advance` takes a `Progress` and returns the next one.
 
     The attributes stay the same in all iterations. Only the linear solver, the record of its
-    factor, the estimate of the error left, and the potential have a memory of their own.
+    factor, and the estimate of the error left have a memory of their own.
     """
 
     def __init__(
@@ -53,30 +53,12 @@ class Steps:
         self.error_left = error_left or ErrorLeft()
         self.tolerance = self.error_left.goal or context.options.residual
         self.directions = Directions(equation, context, self.tolerance)
-        self._last_potential: tuple[np.ndarray, float] | None = None
         self.extent = float(np.ptp(self.system.cloth.X, axis=0).max())
 
     def at(self, y: np.ndarray, scale: float) -> Point:
         """The point at y; `scale` is the one at the point before, 0.0 at the first."""
         R, scale = self.equation.residual(y, scale)
         return Point(y, R, self.system.sums.norm(R), scale)
-
-    @property
-    def potential(self) -> Callable[[np.ndarray], float] | None:
-        """The potential of the equation, if it has one; its last value is kept.
-
-        An iteration begins where the one before ended.
-        """
-        of_equation = self.equation.potential
-        if of_equation is None:
-            return None
-
-        def potential(y: np.ndarray) -> float:
-            if self._last_potential is None or self._last_potential[0] is not y:
-                self._last_potential = y, of_equation(y)
-            return self._last_potential[1]
-
-        return potential
 
     def goal(self, point: Point) -> float:
         """The residual at which the iteration may end."""
@@ -245,7 +227,7 @@ class Steps:
             start=point,
             step=step,
             enough=max(self.goal(point), 0.5 * before.least_norm),
-            potential=self.potential,
+            potential=self.equation.potential,
             longest=min(largest_part, self.equation.largest_step(point.y, step)),
             tiny=TINY_MOVE * self.extent / move,
         )
@@ -261,7 +243,7 @@ class Steps:
         Chamberlain et al. 1982, Math. Programming Study 16). After steps in vain the search
         alone goes on for 1, 2, 4, … iterations.
         """
-        potential = self.potential
+        potential = self.equation.potential
         pause = before.pause
         if searched.length >= 1.0 or not potential or not self.equation.explores:
             return searched

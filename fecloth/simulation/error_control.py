@@ -14,8 +14,9 @@ from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
+from fecloth.simulation.fixed_step import none_short_enough
 from fecloth.simulation.stability_limited import LimitMemory, StabilityLimited
-from fecloth.simulation.step_times import SAME_TIME, ChosenSteps, fit_step, none_short_enough
+from fecloth.simulation.step_times import SAME_TIME, ChosenSteps, fit_step
 from fecloth.simulation.within_step import acceleration, deviation_within_step
 from fecloth.system.state import State
 from fecloth.system.system import History, System

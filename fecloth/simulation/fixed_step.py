@@ -15,9 +15,9 @@ from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import (
     SAME_TIME,
+    SMALLER,
     ChosenSteps,
     given_times,
-    none_short_enough,
     step_times,
 )
 from fecloth.system.state import State
@@ -26,6 +26,15 @@ from fecloth.terms.records import remembered
 
 # Of a step that fails: down to 1/256 of dt, where a failure has another cause.
 MOST_HALVINGS = 8
+
+
+def none_short_enough(
+    dt: float, cause: str | NewtonFailed | SolveFailed, remedy: str = SMALLER
+) -> NewtonFailed:
+    """Return the error of a step that failed at all sizes; dt [s] is the last that was tried."""
+    reason = getattr(cause, "reason", str(cause))
+    residual = getattr(cause, "residual", math.nan)
+    return NewtonFailed(f"no step is short enough: at {dt:.2g} s {reason}", residual, remedy)
 
 
 @remembered

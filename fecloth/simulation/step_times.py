@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError, SolveFailed, floats
+from fecloth.errors import InputError, floats
 from fecloth.integrators.protocol import MethodTraits, chooses_method, method_of
 from fecloth.integrators.step import Step
-from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -178,12 +177,3 @@ def targets_after(targets: np.ndarray, t: float) -> np.ndarray:
     if not targets[-1] > t:
         raise InputError(f"t_end = {targets[-1]}", f"must be > {t} [s]", "march")
     return targets[targets > t]
-
-
-def none_short_enough(
-    dt: float, cause: str | NewtonFailed | SolveFailed, remedy: str = SMALLER
-) -> NewtonFailed:
-    """Return the error of a step that failed at all sizes; dt [s] is the last that was tried."""
-    reason = getattr(cause, "reason", str(cause))
-    residual = getattr(cause, "residual", math.nan)
-    return NewtonFailed(f"no step is short enough: at {dt:.2g} s {reason}", residual, remedy)
