@@ -14,7 +14,7 @@ from fecloth.fabric.uncertainty import UNKNOWN, merged
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.constants_read import numbers_read
 from fecloth.study.figures import COLOURS, Figure, new_figure
-from fecloth.study.fitting import words
+from fecloth.study.fitting import mistakes, words
 from fecloth.study.fitting.discrepancy import Discrepancy, find_discrepancy, read_curve
 from fecloth.study.fitting.evaluation import Evaluation, Fitting
 from fecloth.study.fitting.measured import ASSUMED_SIGMA
@@ -229,6 +229,9 @@ def summarise(
     verdict = [
         words.describe_fit(fitting, end, facts),
         *words.describe_values(values, intervals, of_data),
+        *words.describe_search(end),
+        *mistakes.describe_points(end),
+        *mistakes.describe_units(fitting.unknowns, end.u, facts.told),
         *words.describe_specimens(scale),
         *words.describe_untold(fitting, facts),
         *words.describe_resolution(numerical, of_data),
