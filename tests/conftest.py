@@ -25,6 +25,11 @@ def pytest_collect_file():
     return [each for each in (yield) if not isinstance(each, DoctestModule)]
 
 
+def pytest_collection_modifyitems(items):
+    """Begin with the longest tests, so that no process waits for another one at the end."""
+    items.sort(key=lambda item: item.path.name not in ("test_wheel.py", "test_site.py"))
+
+
 @pytest.fixture(scope="session")
 def sheet():
     """An unstructured sheet, 1 m × 0.6 m, of about 150 triangles."""

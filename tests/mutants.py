@@ -2,7 +2,7 @@
 
     python tests/mutants.py --number 60 --seed 1
 
-A mutant is a copy of the repository in which one expression differs: a sign, a factor 2, ``min``
+A mutant is a clone of the last commit in which one expression differs: a sign, a factor 2, ``min``
 for ``max``, ``<`` for ``<=``, or a term that is dropped. Per mutant, the tests of its package run
 first, then all of the first layer, then the stories; the first failure ends it. A mutant that
 survives all is printed with its line: write the test that it lacks, or, where no result can differ
@@ -13,7 +13,6 @@ import argparse
 import ast
 import os
 import random
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -153,8 +152,11 @@ def is_killed(root: Path, tests: list[str], marks: str, processes: str) -> str:
     return failed[0] if failed else f"exit status {ran.returncode}"
 
 
-def fate(root: Path, mutant: Mutant, processes: str) -> tuple[str, str]:
-    """Layer in which the mutant dies and the test that kills it, or "survives"."""
+def fate(root: Path, mutant: Mutant, processes: str, is_sample: bool) -> tuple[str, str]:
+    """Layer in which the mutant dies and the test that kills it, or "survives".
+
+    A sample runs only the tests of the mutant's package in the first layer.
+    """
     path = root / mutant.file
     source = path.read_bytes()
     path.write_bytes(source[: mutant.start] + mutant.after.encode() + source[mutant.end :])
@@ -163,6 +165,8 @@ def fate(root: Path, mutant: Mutant, processes: str) -> tuple[str, str]:
             for tests in ([each] for each in nearest_tests(root, mutant.file)):
                 if killer := is_killed(root, tests, marks, processes):
                     return layer, killer
+            if is_sample:
+                break
             if killer := is_killed(root, [], marks, processes):
                 return layer, killer
     finally:
@@ -176,6 +180,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--skip", type=int, nargs="*", default=[], help="equivalent ones")
     parser.add_argument("--processes", default="auto", help="as in pytest -n")
+    parser.add_argument("--sample", action="store_true", help="tests of its package alone")
     parser.add_argument("--list", action="store_true", help="draw them and run nothing")
     options = parser.parse_args()
     every = mutants()
@@ -183,12 +188,12 @@ def main() -> None:
     print(f"{options.number} of {len(every)} mutants, seed {options.seed}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder) / "fecloth"
-        ignored = shutil.ignore_patterns("out", ".venv", ".git", "*_cache")
-        shutil.copytree(ROOT, root, ignore=ignored)
+        clone = ["git", "clone", "--quiet", "--shared", str(ROOT), str(root)]
+        subprocess.run(clone, check=True)
         for number, mutant in enumerate(chosen):
             if number in options.skip:
                 continue
-            ended = () if options.list else fate(root, mutant, options.processes)
+            ended = () if options.list else fate(root, mutant, options.processes, options.sample)
             print(number, mutant, *ended, sep=" | ", flush=True)
 
 

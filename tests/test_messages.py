@@ -1,8 +1,12 @@
-"""Messages of wrong arguments in Python: a table of calls and what they answer."""
+"""Messages of wrong arguments: tables of calls and commands, and what they answer."""
 
+import shutil
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+import pytest
+from support import transcripts
 from support.messages import message_test
 
 import fecloth as fc
@@ -443,3 +447,13 @@ test_meshes = message_test(MESH)
 test_terms = message_test(TERMS)
 test_systems = message_test(SYSTEM)
 test_methods_and_solvers = message_test(METHODS)
+
+
+@pytest.mark.parametrize(("command", "expected"), transcripts.blocks("mistakes.txt"))
+def test_mistakes_are_answered_as_written_and_leave_no_files(
+    command, expected, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(transcripts.FOLDER / "scene.toml", "scene.toml")
+    assert transcripts.answer(command) == expected
+    assert list(Path().rglob("*")) == [Path("scene.toml")]

@@ -36,7 +36,7 @@ SCENE = ["cloth", "fabric", "terms", "time"]  # what a block needs to be a scene
 # what stands for a name of the reader's own, by command and word; and what makes runs short
 FILLED = {"DIR": "out/SCENE", "my.toml": "SCENE.toml", "mesh FILE": "meshes/square.geo"}
 FILLED |= {
-    "front 1%": "3%",  # fewer runs
+    "front 1%": "10%",  # fewer runs
     "tune max tip.z": "min tip.z",  # the cloth of the test falls from z = 0
     "render FILE": "swing.gif",
     "export FILE": "cloth.usda",
@@ -56,6 +56,7 @@ ELSEWHERE = (  # commands that continuous integration runs, and those that need 
     ".venv/bin/python -m pytest -q",
     "pytest",
     "python tests/support/key_reference.py",  # see tests/scene/test_key_reference.py
+    *("python tests/support/transcripts.py", "python tests/mutants.py"),
     "python docs/extensions/gallery.py",  # draws what tests/test_site.py looks for
 )
 SHORTER = {

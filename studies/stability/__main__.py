@@ -74,6 +74,8 @@ def run_maps(options) -> dict[str, study.StabilityMap]:
     """Run all maps, and write the report of each into a folder of its own."""
     how = harness.run_options(options)
     cache, maps = how.pop("out"), {}
+    if options.quick:  # without the thousands of steps that a motion needs whose errors grow
+        how["time_limit"] = 3.0
     for name, scene, over in list_maps(options.quick):
         methods = QUICK[scene_of(name)] if options.quick else OF_CONTACT.get(scene_of(name), ALL)
         maps[name] = study.stability(scene, over, methods, cache=cache, **how)

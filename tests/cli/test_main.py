@@ -146,31 +146,6 @@ def test_a_failed_step_is_status_3_and_leaves_the_last_good_state(scene, capsys)
     assert frame_times(Path("run/run.pvd"))[-1] == summary["t"]
 
 
-MISTAKES = [
-    (["run", "none.toml"], "none.toml: no such file"),
-    (["run", "sheet.toml", "--set", "time.dtt=1"], "Did you mean 'dt'?"),
-    (["run", "sheet.toml", "--set", "time.dt=-1"], "time.dt = -1"),
-    (["run", "sheet.toml", "--set", "pins.0.where='lefd'"], "left"),
-    (["run", "sheet.toml", "--set", "cloth.h=5"], "cloth"),
-    (["run", "sheet.toml", "-o", "sheet.toml"], "sheet.toml cannot be written"),
-    (["check", "sheet.toml", "--set", "expect={}"], "no [expect] table"),
-    (["mesh", "none.geo"], "no such file"),
-    (["mesh", "sheet.toml", "--h", "0.1"], "cloth.h"),
-    (["mesh", "sheet.toml", "-o", "mesh.abc"], "mesh.abc"),
-    (["info", "none.toml"], "no such file"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "message"), MISTAKES)
-def test_mistakes_exit_with_status_2_and_write_no_files(arguments, message, scene, capsys):
-    before = sorted(Path().rglob("*"))
-    assert main(arguments) == 2
-    printed = capsys.readouterr()
-    assert printed.err.startswith("error: ")
-    assert message in printed.err
-    assert sorted(Path().rglob("*")) == before
-
-
 @pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "sheet.toml", "--quick"]])
 def test_usage(arguments, scene, capsys):
     with pytest.raises(SystemExit) as stop:

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 
 T_END = 0.15
 TIGHT = fc.Newton(tolerance=1e-11)
-SECOND = 10.0 ** -np.arange(1.0, 5.0)  # three decades
+SECOND = 10.0 ** -np.array([1.0, 2.0, 3.0])
 FIRST = 10.0 ** -np.array([0.5, 1.25, 2.0])
 
 

@@ -105,10 +105,10 @@ def test_the_error_of_a_tuned_equilibrium_is_the_true_one(strip, tuned_strip):
 def test_the_error_of_a_tuned_run_is_the_true_one(tmp_path):
     """Of a sheet with bending: without it the folds are as fine as the mesh, and none agree."""
     path = write(tmp_path, BOB)
-    tuned = fc.tune(path, "2%", folder=tmp_path)
+    tuned = fc.tune(path, "5%", elements=["P1"], methods=["bdf2"], folder=tmp_path)
     exact = StudyProblem.of(path).choose(element="P2", h=0.03, method="bdf2", dt=0.3 / 800)
     assert tuned.proved, tuned.verdict
-    assert largest_error(exact, tuned.scene) <= 1.2 * 0.02
+    assert largest_error(exact, tuned.scene) <= 1.2 * 0.05
 
 
 def test_a_tuned_scene_has_its_settings_and_all_else_of_the_scene(strip, tuned_strip):
@@ -254,7 +254,7 @@ def test_changes_that_do_not_shrink_prove_nothing():
 @pytest.mark.parametrize(
     ("seconds", "words"),
     [
-        (2.0, "the next setting would be h = .* mm, dt = .* ms"),
+        (0.3, "the next setting would be h = .* mm, dt = .* ms"),
         (0.01, "1 level reached the end of the run in time; a limit needs 3"),
     ],
 )

@@ -22,10 +22,9 @@ def test_the_reference_is_the_known_curve():
     assert lengths == pytest.approx(np.diff(s), rel=1e-5)
 
 
-@pytest.mark.parametrize("ratio", stories_except([1e6, 1e7], 1e7))
 @pytest.mark.parametrize("pattern", stories_except(PATTERNS, "right", "unstructured"))
-def test_interpolated_strain_does_not_lock(pattern, ratio):
-    errors = {n: abs(hang(LOCAL, pattern, ratio, n)) for n in LIMITS}
+def test_interpolated_strain_does_not_lock(pattern):
+    errors = {n: abs(hang(LOCAL, pattern, 1e7, n)) for n in LIMITS}
     assert all(errors[n] < limit for n, limit in LIMITS.items()), errors
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from support.plates import flying, square
-from support.tiers import stories_except
 
 import fecloth as fc
 
@@ -27,8 +26,9 @@ def test_terms_pass_the_slope_test(term, element):
     fc.verify.check_term(term, cloth=cloth, fabric=FABRIC)
 
 
-@pytest.mark.parametrize("pattern", stories_except(["right", "cross", "jittered"], "jittered"))
-@pytest.mark.parametrize("tangent", ["exact", "symmetric"])
+@pytest.mark.parametrize(
+    ("pattern", "tangent"), [("jittered", "exact"), ("jittered", "symmetric"), ("cross", "exact")]
+)
 def test_energy_momentum_keeps_energy_and_both_momenta(pattern, tangent):
     system, start = flying(square(pattern, 4), FABRIC, fc.StVK())
     method, newton = fc.EnergyMomentum(tangent), fc.Newton(tolerance=1e-12)
