@@ -232,23 +232,29 @@ def main() -> int:
     if not options.quick:
         for knit in knits.KNITS:
             rows += other_yarn_rows(knit)
+    return write(options, rows)
+
+
+def write(options: Any, rows: Rows) -> int:
+    """Write the page: the summary, and all rows but those of the repeats."""
     lines = summaries(rows)
     total = lines[-1]
-    findings = [
-        harness.Finding(
-            "share of told curves that their interval covers",
-            total["covered"] / total["told"],
-            LEAST_COVERED,
-        ),
-        harness.Finding(
-            "mean interval score over that of a constant guess",
-            total["mean score"] / total["mean score of a constant"],
-            high=1.0,
-        ),
-    ]
-    shown = [
-        {k: v for k, v in row.items() if k not in ("specimens", "law", "both")} for row in rows
-    ]
+    findings = []
+    if not options.quick:
+        findings = [
+            harness.Finding(
+                "share of told curves that their interval covers",
+                total["covered"] / total["told"],
+                LEAST_COVERED,
+            ),
+            harness.Finding(
+                "mean interval score over that of a constant guess",
+                total["mean score"] / total["mean score of a constant"],
+                high=1.0,
+            ),
+        ]
+    hidden = "specimens", "law", "both"
+    shown = [{key: cell for key, cell in row.items() if key not in hidden} for row in rows]
     apart = [row for row in shown if row["left out"] != "repeat"]
     title, what = harness.about(__doc__)
     return harness.write_report(
@@ -256,7 +262,7 @@ def main() -> int:
         title,
         rows,
         conclusion=what,
-        findings=[] if options.quick else findings,
+        findings=findings,
         tables={"Summary": lines, "Angles, quantities and yarns": apart},
         page=Path(__file__).with_suffix(""),
     )
