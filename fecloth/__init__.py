@@ -8,7 +8,7 @@ The public names stand in ``__init__.pyi``. Each is imported when it is first us
 
 import lazy_loader
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 OTHER_WORDS = {  # names in other packages, and ours for the same thing
     "simulate": "run",

@@ -29,7 +29,7 @@ STUDIES = sorted({STUDY.search(c)[1] for c in COMMANDS if STUDY.search(c)})
 OURS = [c for c in COMMANDS if re.match(r"(\.venv/bin/)?fecloth \w+ \S", c)]
 # a command's name
 BARE = re.compile(
-    r"fecloth (run|view|render|export|check|mesh|info|converge|compare|chart|front|stability"
+    r"fecloth (demo|run|view|render|export|check|mesh|info|converge|compare|chart|front|stability"
     r"|simplify|tune|sweep|sensitivity|budget|fit|modes|new|bench|--version)"
 )
 SCENE = ["cloth", "fabric", "terms", "time"]  # what a block needs to be a scene; else a fragment
@@ -41,6 +41,8 @@ FILLED |= {
     "render FILE": "swing.gif",
     "export FILE": "cloth.usda",
     "NAME": "Wind",
+    "demo NAME": "sag",
+    "demo DIR": "out/demo",
     "FABRIC": "interlock",
     "A.toml": "SCENE.toml",
     "B.toml": "SCENE.toml",
@@ -53,6 +55,7 @@ ELSEWHERE = (  # commands that continuous integration runs, and those that need 
     ".venv/bin/pip install",
     ".venv/bin/pre-commit install",
     *("python -m build", "twine upload", "pip install shtab", "pip install 'fecloth["),
+    *(". .venv/bin/activate", "pip install '.["),
     ".venv/bin/python -m pytest -q",
     "pytest",
     "python tests/support/key_reference.py",  # see tests/scene/test_key_reference.py
@@ -95,7 +98,7 @@ def blocks(language):
 def filled(command):
     """A command's words but the first, with the reader's own names filled in, and made short."""
     name, *given = words(command)[1:]
-    given = [FILLED.get(word, FILLED.get(f"{name} {word}", word)) for word in given]
+    given = [FILLED.get(f"{name} {word}", FILLED.get(word, word)) for word in given]
     if name in FRONTS:
         given = [word.replace("SCENE.toml", "FRONT.toml") for word in given]
     for scene in (word for word in given if word.endswith(".toml") and name not in ("mesh", "fit")):
@@ -103,6 +106,8 @@ def filled(command):
         given += [word for value in SHORTER[scene] for word in ("--set", value)]
     if name == "tune" and "--methods" not in given:
         given += ["--elements", "P1", "--methods", "bdf2", "--quantity", "tip.z"]
+    if name == "demo":
+        given += [word for v in SHORTER[f"studies/scenes/{given[0]}.toml"] for word in ("--set", v)]
     given += {"converge": ["--levels", "3"]}.get(name, [])
     given += ["--overwrite"] if name == "new" else []
     if "--resume" in given:  # a run that has come to its end goes on to a later one
@@ -113,7 +118,7 @@ def filled(command):
 def target(given):
     """Where a command with these words writes."""
     named = given[given.index("-o") + 1] if "-o" in given else ""
-    return Path(named or (f"out/{Path(given[1]).stem}" if given[0] == "run" else "."))
+    return Path(named or (f"out/{Path(given[1]).stem}" if given[0] in ("demo", "run") else "."))
 
 
 # --- a clone, as far as a reader uses it ----------------------------------------------------------
@@ -225,7 +230,7 @@ def distinct(commands):
 def test_commands_run(command, clone, monkeypatch):
     monkeypatch.setattr("fecloth.study.measured_runs.LONG_ENOUGH", 0.0)  # each is run once
     given = filled(command)
-    if given[0] == "run" and "--resume" not in given:
+    if given[0] in ("demo", "run") and "--resume" not in given:
         shutil.rmtree(target(given), ignore_errors=True)
     assert cli.main(given) == 0
     assert target(given).exists()

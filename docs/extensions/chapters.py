@@ -5,7 +5,7 @@ A file of `docs` that includes a page, as in
     ```{include} ../fecloth/scene/README.md
     ```
 
-is that page. A link in it to a page that is a chapter leads to the chapter, a link to any other
+is that page. A link in a page to one that is a chapter leads to the chapter, a link to any other
 file of the repository leads to `repository` in conf.py; pictures are read from where they stand.
 """
 
@@ -24,7 +24,8 @@ FENCED = re.compile(r"^(```.*?^```[ \t]*$)", re.MULTILINE | re.DOTALL)
 def chapters(folder: Path) -> dict[Path, Path]:
     """Return, for each page of the repository that is in the site, the file of its chapter."""
     found = {file.resolve(): file for file in folder.glob("lecture/[0-9]*.py")}
-    for file in sorted(folder.rglob("*.md")):
+    for file in sorted(folder.glob("*.md")):
+        found[file.resolve()] = file
         for name in INCLUDE.findall(file.read_text(encoding="utf-8")):
             found[(file.parent / name).resolve()] = file
     return found
@@ -33,15 +34,16 @@ def chapters(folder: Path) -> dict[Path, Path]:
 def read_chapter(app: Sphinx, docname: str, source: list[str]) -> None:
     """Put the text of the page in the place of its `include`, with links of the site."""
     stub = Path(app.env.doc2path(docname))
-
-    def included(match: re.Match[str]) -> str:
+    if stub.suffix != ".md":
+        return
+    page, text = stub, source[0]
+    if match := INCLUDE.search(text):
         page = (stub.parent / match[1]).resolve()
         app.env.note_dependency(str(page))
-        link = link_of(page, stub, chapters(Path(app.srcdir)), app.config.repository)
-        parts = FENCED.split(page.read_text(encoding="utf-8"))
-        return "".join(part if part.startswith("```") else LINK.sub(link, part) for part in parts)
-
-    source[0] = INCLUDE.sub(included, source[0])
+        text = INCLUDE.sub(lambda _: page.read_text(encoding="utf-8"), text)
+    link = link_of(page, stub, chapters(Path(app.srcdir)), app.config.repository)
+    parts = FENCED.split(text)
+    source[0] = "".join(p if p.startswith("```") else LINK.sub(link, p) for p in parts)
 
 
 def link_of(

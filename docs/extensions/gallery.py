@@ -25,6 +25,21 @@ PICTURES = {  # of each scene: how it is drawn
     "lifted_strip": "--field checks --size 640x480",
 }
 
+SEEN = {  # in each picture
+    "flag": "A flag at a pole on its left. The wind drives waves that grow towards its end.",
+    "drape": "A ring of cloth hangs in folds around its support, which is not drawn.",
+    "drop": "A square sheet over a ball. Its corners hang down, with folds between them.",
+    "dome": "A disk, clamped at its rim and blown up: the colours show that its stretch is even.",
+    "inflated_disk": "A disk, held around and blown up. The colours show the height.",
+    "trampoline": "A disk that is let go: rings run in from the rim. Colours: speed.",
+    "drum_on_plate": "A square, held around, that has fallen onto a plate below. Colours: height.",
+    "swing": "A sheet, held along one edge, swings down. Colours: speed.",
+    "benchmark_flag": "A flag that falls beside its pole, and crumples.",
+    "sag": "A square, held around, sags in its middle. Colours: height.",
+    "hanging_strip": "A strip that hangs: the colours show that its stretch grows upwards.",
+    "lifted_strip": "A heavy strip on the floor, whose right end is lifted.",
+}
+
 
 def commands(name: str) -> list[str]:
     """Return the commands that run a scene and draw it."""
@@ -35,7 +50,7 @@ def commands(name: str) -> list[str]:
 
 
 def told(name: str) -> tuple[str, str]:
-    """Return the title of a scene, and the first paragraph of the comment at its head."""
+    """Return the title of a scene, and the comment at its head."""
     text = (SCENES / f"{name}.toml").read_text(encoding="utf-8")
     lines = []
     for line in text.splitlines():
@@ -60,17 +75,32 @@ else:
     from sphinx.application import Sphinx
 
     class Gallery(Generated):
-        """A section for each scene: its title, its picture, what it is and its commands."""
+        """A thumbnail of each scene that leads to its section, and these sections."""
 
         def text(self) -> str:
-            return "\n".join(section(name) for name in PICTURES)
+            cards = "\n".join(card(name) for name in PICTURES)
+            sections = "\n".join(section(name) for name in PICTURES)
+            return f".. grid:: 2 3 4 4\n   :gutter: 2\n\n{cards}\n\n{sections}"
+
+    def heading(name: str) -> str:
+        title, _ = told(name)
+        return f"{title[0].upper()}{title[1:]}"
+
+    def card(name: str) -> str:
+        lines = [
+            f".. grid-item-card:: {heading(name)}",
+            f"   :img-top: ../studies/scenes/{name}.png",
+        ]
+        lines += [f"   :link: scene-{name}", "   :link-type: ref", f"   :img-alt: {SEEN[name]}", ""]
+        return "\n".join(f"   {line}" for line in lines)
 
     def section(name: str) -> str:
-        title, words = told(name)
-        title = f"{title[0].upper()}{title[1:]}"
-        lines = [title, "-" * len(title), "", f".. image:: ../studies/scenes/{name}.png"]
-        lines += ["   :width: 480px", f"   :alt: {title}", "", words, "", "::", ""]
-        return "\n".join([*lines, *(f"   {line}" for line in commands(name)), ""])
+        title, (_, words) = heading(name), told(name)
+        lines = [f".. _scene-{name}:", "", title, "-" * len(title), ""]
+        lines += [f".. figure:: ../studies/scenes/{name}.png", "   :width: 480px"]
+        lines += [f"   :alt: {SEEN[name]}", "", f"   {SEEN[name]}", "", words, "", "::", ""]
+        shown = [f"fecloth demo {name}", commands(name)[1]]
+        return "\n".join([*lines, *(f"   {line}" for line in shown), ""])
 
     def setup(app: Sphinx) -> dict[str, bool]:
         app.add_directive("gallery", Gallery)

@@ -1,7 +1,8 @@
 """The reference of the public names, from `fecloth/__init__.pyi` and the modules that it names.
 
-Each page of `api/` has the names that are defined in some packages. A public name that no page has
-ends the build.
+Each name has a page of its own in `api/names`, which is written before the build. Each page of
+`api/` lists the names that are defined in some packages. A public name that no page lists ends
+the build.
 """
 
 import inspect
@@ -28,12 +29,47 @@ class Reference(Generated):
     required_arguments, optional_arguments = 1, 0
 
     def text(self) -> str:
-        packages = self.arguments[0].split()
-        return "\n".join(
-            entry(name, value)
-            for name, value in names().items()
-            if package_of(name, value) in packages
-        )
+        listed = [n for n, value in names().items() if package_of(n, value) in self.packages]
+        rows = [f":doc:`{short(name)} <names/{short(name)}>`\n   {told(name)}" for name in listed]
+        pages = [f"   names/{short(name)}" for name in listed]
+        return "\n".join([*rows, "", ".. toctree::", "   :hidden:", "", *pages])
+
+    @property
+    def packages(self) -> list[str]:
+        return self.arguments[0].split()
+
+
+def short(name: str) -> str:
+    """Return the name without the package in front."""
+    return name.removeprefix("fecloth.")
+
+
+def told(name: str) -> str:
+    """Return the first sentence of the docstring of a public name."""
+    words = " ".join(inspect.getdoc(names()[name]).split("\n\n")[0].split())
+    return as_shown(re.split(r"(?<=\.)\s", words)[0])
+
+
+def as_shown(line: str) -> str:
+    """A line of a docstring with the bars of |x|, which would be a substitution."""
+    return line if "``" in line else line.replace("|", "\\|")
+
+
+def write_pages(app: Sphinx) -> None:
+    """Write the page of each public name; a page that does not change is left as it is."""
+    folder = PAGES / "names"
+    folder.mkdir(exist_ok=True)
+    texts = {}
+    for name, value in names().items():
+        title = short(name)
+        texts[f"{title}.rst"] = f"{title}\n{'=' * len(title)}\n\n{entry(name, value)}"
+    for file in folder.iterdir():
+        if file.name not in texts:
+            file.unlink()
+    for file_name, text in texts.items():
+        file = folder / file_name
+        if not file.exists() or file.read_text(encoding="utf-8") != text:
+            file.write_text(text, encoding="utf-8")
 
 
 @cache
@@ -96,7 +132,7 @@ def as_written(app: Sphinx, what: str, name: str, value: object, options: object
             in_block = True
         elif line and not indented:
             in_block, above = False, line
-        shown.append(line if in_block or "``" in line else line.replace("|", "\\|"))
+        shown.append(line if in_block else as_shown(line))
     lines[:] = shown
 
 
@@ -109,6 +145,7 @@ def plain_hints(app: Sphinx, function: Callable[..., Any], is_bound: bool) -> No
 def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("reference", Reference)
     app.connect("builder-inited", require_all)
+    app.connect("builder-inited", write_pages)
     app.connect("autodoc-before-process-signature", plain_hints)
     app.connect("autodoc-process-docstring", as_written, priority=400)  # before numpydoc
     return {"parallel_read_safe": True}

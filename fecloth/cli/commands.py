@@ -5,6 +5,7 @@ A command returns its exit status. The first paragraph of its docstring stands i
 
 from collections.abc import Callable
 
+from fecloth.cli.demo import demo
 from fecloth.cli.info import info, mesh
 from fecloth.cli.new import new
 from fecloth.cli.runs import check, export, render, run, view
@@ -25,6 +26,7 @@ from fecloth.cli.studies import (
 )
 
 COMMANDS: list[Callable[..., int]] = [
+    demo,
     run,
     view,
     render,
@@ -48,4 +50,4 @@ COMMANDS: list[Callable[..., int]] = [
     info,
 ]
 # The result of these is a file or the exit status: what they print may be lost.
-MAY_LOSE_TEXT = {run, view, render, export, check, new}
+MAY_LOSE_TEXT = {demo, run, view, render, export, check, new}

@@ -14,6 +14,8 @@ Names = tuple[str, ...] | None
 
 SceneFile = Annotated[str, "a .toml file"]
 RunFolder = Annotated[str, "folder of a run", "DIR"]
+Output = Annotated[str | None, "folder to write (default: out/SCENE)", "DIR", "-o"]
+Overwrite = Annotated[bool, "replace the run in that folder"]
 Changes = Annotated[
     Texts,
     "replace a value of the scene, as in --set time.dt=0.005; may be repeated",

@@ -3,12 +3,13 @@
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fecloth import errors
-from fecloth.cli.options import Reading, RunFolder, SceneFile, Threads
+from fecloth.cli.options import Output, Overwrite, Reading, RunFolder, SceneFile, Threads
 from fecloth.runs.interruption import set_handler
 
 # Signals are handled before NumPy is imported: each command imports what it needs when it runs.
@@ -16,16 +17,18 @@ if TYPE_CHECKING:
     from fecloth.runs.outcome import SceneResult
     from fecloth.scene.problem import Problem
     from fecloth.scene.scene import Scene
+    from fecloth.simulation.steps import StepInfo
 
 
 def run(
     scene: SceneFile,
     *,
     reading: Reading,
-    output: Annotated[str | None, "folder to write (default: out/SCENE)", "DIR", "-o"] = None,
-    overwrite: Annotated[bool, "replace the run in that folder"] = False,
+    output: Output = None,
+    overwrite: Overwrite = False,
     resume: Annotated[str | None, "go on with the run in that folder", "DIR"] = None,
     threads: Threads = None,
+    watch: Annotated[bool, "follow the run in a window (with the extra [view])"] = False,
     verbose: Annotated[
         bool, "print the plan, notes, energies and all accounts, as run.log has them", "", "-v"
     ] = False,
@@ -33,7 +36,7 @@ def run(
     """Run a scene and leave files for ParaView.
 
     It runs on all processes of mpiexec if there are several. Raises `InputError` for --resume
-    together with another option that names the folder.
+    together with another option that names the folder, and for --watch where no window can open.
     """
     from fecloth.distributed.environment import count_processes, use_one_thread
 
@@ -50,12 +53,17 @@ def run(
             path,
             reading.quiet,
             verbose,
+            watch,
             overwrite=overwrite,
             resume=bool(resume),
             make_system=make_system or System,
         )
         return _print_outcome(outcome, reading.quiet, verbose)
 
+    if watch:
+        from fecloth.view.watch import require_display
+
+        require_display()
     if count_processes() == 1:
         return run_here()
     use_one_thread()
@@ -64,11 +72,13 @@ def run(
     return run_on_all(run_here)
 
 
-def _run_scene(scene: "Scene", path: Path, quiet: bool, verbose: bool, **how: Any) -> "SceneResult":
+def _run_scene(
+    scene: "Scene", path: Path, quiet: bool, verbose: bool, watch: bool, **how: Any
+) -> "SceneResult":
     """Run a scene in this process, and print what it does; with `quiet` only warnings.
 
     With `verbose` the whole plan is printed, else of an explicit method its largest step alone.
-    `how` are further arguments of `run_scene`.
+    With `watch` a window follows the run. `how` are further arguments of `run_scene`.
     """
     from fecloth.cli.progress import progress, show, terminal
     from fecloth.runs.run_scene import run_scene
@@ -76,6 +86,7 @@ def _run_scene(scene: "Scene", path: Path, quiet: bool, verbose: bool, **how: An
     from fecloth.simulation.doubts.doubt import NOTE, Doubt
 
     console = terminal()
+    reports: list[Callable] = []
 
     def warn(doubt: Doubt) -> None:
         if verbose or doubt.kind.label != NOTE:
@@ -91,8 +102,18 @@ def _run_scene(scene: "Scene", path: Path, quiet: bool, verbose: bool, **how: An
             show(line, console)
         for doubt in doubts:
             warn(doubt)
+        if watch:
+            from fecloth.view.watch import watching
 
-    with progress(console, scene, quiet) as report:
+            draw = stack.enter_context(watching(problem.system, problem.start))
+            reports.append(lambda info: draw(info.result.state))
+
+    def report(info: "StepInfo") -> None:
+        for each in reports:
+            each(info)
+
+    with ExitStack() as stack:
+        reports.append(stack.enter_context(progress(console, scene, quiet)))
         return run_scene(
             scene,
             path,

@@ -1,10 +1,10 @@
 """BDF2, the two-step backward differentiation formula."""
 
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
+from fecloth.integrators.impacts import Struck, after_impacts, share_mass
 from fecloth.integrators.newmark import Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.integrators.step import UNCOUNTED, Begin, Opening, Step, arrive
@@ -14,12 +14,6 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
-
-# A step does not resolve an impact if the force of contact changes in it by more than this share
-# of the larger of both forces, …
-FORCE_JUMP = 0.5
-# … and if this change would take more than this share of the momentum of the nodes in contact.
-MOMENTUM_JUMP = 0.35
 
 
 @remembered
@@ -33,17 +27,11 @@ class Change:
         Size of that step [s].
     dx, dv
         (n, 3) Δx [m] and Δv [m/s].
-    push
-        (n, 3) force of the contacts at its end [N]; None without contact.
-    jumped
-        Whether this force has jumped within the step, as in an impact.
     """
 
     dt: float
     dx: np.ndarray
     dv: np.ndarray
-    push: np.ndarray | None = None
-    jumped: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,37 +87,19 @@ class BDF2(WithMemory):
         both_before = (1 + e, x), (-e, x - last.dx)
         return StepDifference(x, dt, b_dt, both_before, t=state.t)
 
-    def _take(self, begin: Begin, solver: SolverContext) -> Step:
-        """Take one step; if the force of contact jumps in it, take it again by backward Euler.
-
-        In an impact the memory of the motion before would throw the cloth off. The counts of
-        the step are then the sums of both.
-        """
-        step = super()._take(begin, solver)
-        memory = begin.memory
-        new_memory = cast(Change, step.memory)
-        was_backward_euler = memory is None or memory.jumped  # with contact, see `_open`
-        if was_backward_euler or not new_memory.jumped:
-            return step
-        # `_open` takes backward Euler after a memory that has jumped
-        marked = begin._replace(memory=replace(memory, jumped=True))
-        again = super()._take(marked, solver)
-        return replace(again, counts=step.counts.plus(again.counts))
-
     def _open(self, begin: Begin, solver: SolverContext | None) -> Opening:
         """Open a step after the step that left the memory of `begin`; q = v₁ − v₀.
 
         The first step is a step of the trapezoidal rule. With contact it is a step of backward
-        Euler, and so is the step after a step in which the force of contact jumped: they do
-        not depend on the force at their begin. That force is not known, as a cloth that stands
-        still may be held by any friction below the limit. BDF2 remains of second order with one
-        step of first order. `solver` serves the trapezoidal rule only.
+        Euler, which does not depend on the force at its begin: that force is not known, as a
+        cloth that stands still may be held by any friction below the limit. BDF2 remains of
+        second order with one step of first order. `solver` serves the trapezoidal rule only.
         """
         system, state, dt, memory, history = begin
-        has_contact = any(term.needs_end for term in system.bound)
-        if has_contact and (memory is None or memory.jumped):
-            opening = BackwardEuler()._open(begin._replace(memory=None), solver)
-            return replace(opening, memory=memory)  # `close` compares the force with this memory
+        if any(term.needs_end for term in system.bound):
+            share_mass(system)
+            if memory is None:
+                return BackwardEuler()._open(begin, solver)
         over = system.over_step(self.difference(state, dt, memory), history)
         if memory is None:
             return Newmark()._open(begin, solver, over)
@@ -159,15 +129,18 @@ class BDF2(WithMemory):
         _, v, a = stage.at(q)
         new, ending = arrive(opening, opening.end.t, stage.x_end + stage.w_end * q, v)
         forces = ending | {"ends": (opening.system, opening.begin), "a": a, "share": 1.0}
-        return Step(new, new, _make_memory(opening, new), counts, **forces)
+        struck = after_impacts(opening, new)
+        memory = _make_memory(opening, struck)
+        return Step(struck.state, new, memory, counts, unstruck=new, works=struck.works, **forces)
 
     def _close_first(self, opening: Opening, q: np.ndarray, counts: Counts) -> Step:
         """Close the first step by the method that opened it, with the memory of BDF2."""
         step: Step = opening.method.close(opening, q, counts)
-        memory = _make_memory(opening, step.state)
+        new = step.unstruck or step.state
+        memory = _make_memory(opening, after_impacts(opening, new))
         if step.ends:
             return replace(step, memory=memory)
-        a = (step.state.v - opening.begin.v) / opening.dt
+        a = (new.v - opening.begin.v) / opening.dt
         before = opening.system.with_history(opening.history)
         return replace(step, memory=memory, ends=(before, opening.begin), a=a, share=1.0)
 
@@ -178,29 +151,16 @@ def _coefficients(dt: float, last: Change) -> tuple[float, float]:
     return r**2 / (1 + 2 * r), (1 + r) / (1 + 2 * r) * dt
 
 
-def _make_memory(opening: Opening, new: State) -> Change:
-    """Return the changes in the step from `opening` to the state `new`, the next memory.
+def _make_memory(opening: Opening, struck: Struck) -> Change:
+    """Return the changes in the step from `opening`, the next memory.
 
-    With contact the memory also has the force of the contacts in the new state, and whether it
-    has jumped since the last step, see `FORCE_JUMP` and `MOMENTUM_JUMP`.
+    They are those of a cloth that has always moved as after the impacts: without the stroke,
+    whose force has moved it by h (stroke − beyond) in place of dt stroke. Changes of pairs have
+    no sum, so that momentum is kept.
     """
     old = opening.begin
-    last = opening.memory
-    change = Change(new.t - old.t, new.x - old.x, new.v - old.v)
-    pairs = zip(opening.system.bound, opening.over.bound, strict=True)
-    contacts = [over for term, over in pairs if term.needs_end]
-    if not contacts:
-        return change
-    push = np.zeros_like(new.x)
-    norm = opening.system.sums.norm
-    for contact in contacts:
-        contact.add_force(new.x, new.v, new.t, push)
-    # in the first step the force before is not known: it counts as unchanged
-    old_push = push if last is None else last.push
-    change_of_push = norm(push - old_push)
-    is_pushed = (push != 0.0) | (old_push != 0.0)
-    is_touched = is_pushed.any(axis=1, keepdims=True)  # (n, 1)
-    momentum = norm(opening.system.mass_times(old.v) * is_touched)
-    force_jumps = change_of_push > FORCE_JUMP * max(norm(push), norm(old_push))
-    momentum_jumps = change.dt * change_of_push > MOMENTUM_JUMP * momentum
-    return replace(change, push=push, jumped=bool(force_jumps and momentum_jumps))
+    new = struck.state
+    dt = new.t - old.t
+    h = opening.stage.wv / opening.stage.wa
+    dx = new.x - old.x + (dt - h) * struck.stroke + h * struck.beyond
+    return Change(dt, dx, new.v - old.v - struck.stroke)

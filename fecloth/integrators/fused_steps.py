@@ -50,12 +50,15 @@ class Flows:
         Work of the pins.
     numerical
         Numerical dissipation.
+    impacts
+        What impacts have taken.
     """
 
     dissipated: Mapping[str, float]
     work: Mapping[str, float]
     pins: float
     numerical: float
+    impacts: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

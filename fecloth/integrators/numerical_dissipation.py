@@ -67,7 +67,7 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
         return 0.0
 
     def with_dissipating(whole: System) -> System:
-        return whole.with_bound(whole.bound[i] for i in dissipating)
+        return whole.with_bound(whole.bound[i] for i in dissipating).loose()
 
     before, after = map(with_dissipating, step.around(system))
     over = with_dissipating(over)

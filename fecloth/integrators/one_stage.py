@@ -1,9 +1,10 @@
 """Implicit methods with one stage: their base class, backward Euler and the midpoint rule."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fecloth.integrators.impacts import after_impacts
 from fecloth.integrators.numerical_dissipation import (
     barrier_dissipation,
     stiffness_product,
@@ -136,6 +137,14 @@ class BackwardEuler(StageMethod):
     def difference(self, state: State, dt: float) -> StepDifference:
         """The method's rate of y(x): (y(x₁) − y(x₀))/dt."""
         return StepDifference.between(state.x, dt, state.t)
+
+    def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
+        """Close the step with the unknown q (n, 3), and let impacts change its velocities."""
+        step = super().close(opening, q, counts)
+        struck = after_impacts(opening, step.state)
+        if struck.state is step.state:
+            return step
+        return replace(step, state=struck.state, unstruck=step.state, works=struck.works)
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,10 @@ class Step:
         What was opened and solved, of methods that have `open` and `close`.
     new_force
         (n, 3) the force at the new state [N], where the solution has evaluated it last.
+    unstruck
+        The new state before impulses of impacts have changed its velocities; None without any.
+    works
+        Work [J] of these impulses by what moves, of each term; () without any.
     """
 
     state: State
@@ -102,6 +106,13 @@ class Step:
     first_force: np.ndarray | None = None
     solution: Solution | None = None
     new_force: np.ndarray | None = None
+    unstruck: State | None = None
+    works: tuple[float, ...] = ()
+
+    @property
+    def before_impacts(self) -> "Step":
+        """The step as the forces alone made it, without the impulses of impacts at its end."""
+        return replace(self, state=self.unstruck or self.state)
 
     def around(self, system: System) -> tuple[System, System]:
         """The system with the history of its terms before, and after the step."""
@@ -332,8 +343,9 @@ class OpensSteps:
         )
         step: Step = self.close(opening, q, counts)
         joined = solver.last_stage.joined
+        solved = step.unstruck or step.state
         return replace(
             step,
             solution=Solution(self, opening, begin.memory, q),
-            new_force=joined.force_at(step.state) if joined and step.ends else None,
+            new_force=joined.force_at(solved) if joined and step.ends else None,
         )

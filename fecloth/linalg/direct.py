@@ -1,4 +1,4 @@
-"""Direct solvers for a `BlockMatrix`: PARDISO of the Intel MKL, and SciPy's SuperLU."""
+"""Direct solvers for a `BlockMatrix`: PARDISO of the Intel MKL, rslab, and SciPy's SuperLU."""
 
 import time
 import weakref
@@ -23,18 +23,20 @@ MOST_REFINEMENTS = 2
 class Direct:
     """Base of direct solvers, which solve with a factor of the matrix that was prepared last.
 
-    A subclass supplies `name`; `prepare`, which sets ``_A``, ``_seconds`` and `entries`, the number
-    of entries of the factor; and ``_apply(b)``, which returns A⁻¹ b.
+    A subclass supplies `name`; ``_analyse(pattern)``, which sets ``_rows``; ``_factorise(A)``,
+    which returns the number of entries of the factor; and ``_apply(b)``, which returns A⁻¹ b.
     """
 
     name: str
     keeps_state = False
+    _rows: "ScalarRows"
 
     def __init__(self, symmetric: bool = True):
         self.symmetric = symmetric
         self.prepared = 0
         self.entries = 0
         self._A: BlockMatrix | None = None
+        self._pattern: BlockPattern | None = None
         self._seconds = 0.0
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
@@ -42,6 +44,24 @@ class Direct:
 
     def drop(self) -> None:
         """Nothing to do: a solve depends on the prepared matrix only."""
+
+    def prepare(self, A: BlockMatrix) -> None:
+        """Factorise A; the analysis is reused as long as the pattern is the same.
+
+        Raises `IndefiniteMatrix` for a symmetric solver if A is not positive definite, and
+        `SolveFailed` if A is not finite or has no factor. After an error there is no matrix.
+        """
+        begin = time.perf_counter()
+        self._A = None
+        self.prepared += 1
+        if not A.pattern.same_as(self._pattern):
+            self._pattern = None  # until the analysis has succeeded
+            self._analyse(A.pattern)
+            self._pattern = A.pattern
+        self._rows.refill(A)
+        self.entries = self._factorise(A)
+        self._A = A
+        self._seconds = time.perf_counter() - begin
 
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
@@ -75,6 +95,14 @@ class Direct:
         seconds = time.perf_counter() - begin
         return x, SolveInfo(self.name, refinements, reached, self._seconds, seconds)
 
+    def _analyse(self, pattern: BlockPattern) -> None:
+        """Find the rows of a pattern, and do what its factors have in common."""
+        raise NotImplementedError
+
+    def _factorise(self, A: BlockMatrix) -> int:
+        """Make the factor of A, whose numbers are in the rows; return its number of entries."""
+        raise NotImplementedError
+
     def _apply(self, b: np.ndarray) -> np.ndarray:
         """A⁻¹ b (n, 3) by the factor."""
         raise NotImplementedError
@@ -92,32 +120,17 @@ class Pardiso(Direct):
     def __init__(self, symmetric: bool = True):
         mkl_pardiso.routine()  # a missing library raises an error here and not in a time step
         super().__init__(symmetric)
-        self._pattern: BlockPattern | None = None
         self._release: weakref.finalize[..., Pardiso] | None = None
 
-    def prepare(self, A: BlockMatrix) -> None:
-        """Factorise A; the analysis is reused as long as the pattern is the same.
-
-        Raises `IndefiniteMatrix` for a symmetric solver if A is not positive definite, and
-        `SolveFailed` if A is not finite or has no factor. After an error there is no matrix.
-        """
-        begin = time.perf_counter()
-        self._A = None
-        self.prepared += 1
-        if not A.pattern.same_as(self._pattern):
-            self._analyse(A.pattern)
-        self._rows.refill(A)
+    def _factorise(self, A: BlockMatrix) -> int:
         self._call(Phase.FACTORISE, self._nothing, self._nothing)
-        self.entries = mkl_pardiso.entries(self._iparm)
-        self._A = A
-        self._seconds = time.perf_counter() - begin
+        return mkl_pardiso.entries(self._iparm)
 
     def _analyse(self, pattern: BlockPattern) -> None:
         """Release the old factor, and analyse a new pattern.
 
         The memory of PARDISO is released when this solver is deleted, or analyses again.
         """
-        self._pattern = None  # until the analysis has succeeded
         if self._release is not None:
             self._release()
         self._rows = ScalarRows(pattern, upper=self.symmetric)
@@ -138,7 +151,6 @@ class Pardiso(Direct):
             x=self._nothing,
         )
         self._call(Phase.ANALYSE, self._nothing, self._nothing)
-        self._pattern = pattern
 
     def _apply(self, b: np.ndarray) -> np.ndarray:
         x = np.empty_like(b)
@@ -156,8 +168,51 @@ class Pardiso(Direct):
             raise SolveFailed(f"pardiso returned error {error} in phase {phase:d}: {reason}")
 
 
+class Rslab(Direct):
+    """The supernodal factor of rslab: L D Lᵀ (Bunch and Kaufman 1977), otherwise L U.
+
+    The threads of the matrix share the work; their number changes no bit.
+    """
+
+    name = "rslab"
+
+    def __init__(self, symmetric: bool = True):
+        import rslab  # a missing package raises an error here and not in a time step
+
+        super().__init__(symmetric)
+        self._rslab = rslab
+
+    def _analyse(self, pattern: BlockPattern) -> None:
+        self._rows = ScalarRows(pattern, upper=self.symmetric)
+        numbers, columns, starts = self._rows.arrays
+        n = len(starts) - 1
+        # Row arrays, used as column arrays, give the transposed matrix: of the upper triangle the
+        # lower one, which rslab reads. Without matching the analysis depends on the pattern alone.
+        transposed = sparse.csc_matrix((np.ones_like(numbers), columns, starts), shape=(n, n))
+        if self.symmetric:
+            self._symbols = self._rslab.analyze(transposed, "ldlt", ordering="metis", threads=1)
+        else:
+            self._symbols = self._rslab.analyze(transposed, "lu", matching=False, threads=1)
+
+    def _factorise(self, A: BlockMatrix) -> int:
+        failure = IndefiniteMatrix if self.symmetric else SolveFailed
+        numbers = self._rows.arrays[0]
+        try:
+            self._factor = self._symbols.factor(numbers, threads=A.team.count)
+        except RuntimeError as error:  # a pivot is zero
+            raise failure(f"rslab could not factorise A: {error}") from error
+        if self.symmetric and self._factor.inertia[0] < 3 * len(A.pattern):
+            raise failure("rslab found a pivot <= 0: A is not positive definite")
+        return int(self._symbols.factor_nnz)
+
+    def _apply(self, b: np.ndarray) -> np.ndarray:
+        solve = self._factor.solve if self.symmetric else self._factor.solve_transpose
+        x: np.ndarray = solve(b.ravel())
+        return x.reshape(b.shape)
+
+
 class SuperLU(Direct):
-    """SciPy's SuperLU, for machines without PARDISO. Each ``prepare`` repeats the analysis.
+    """SciPy's SuperLU, where there is no other. Each ``prepare`` repeats the analysis.
 
     If `symmetric`, the pivots are on the diagonal, in minimum-degree order. The factor is copied
     to check their signs: this takes twice the memory, and a third more time. Otherwise SuperLU
@@ -166,24 +221,14 @@ class SuperLU(Direct):
 
     name = "superlu"
 
-    def __init__(self, symmetric: bool = True):
-        super().__init__(symmetric)
-        self._rows: ScalarRows | None = None
+    def _analyse(self, pattern: BlockPattern) -> None:
+        self._rows = ScalarRows(pattern, upper=False)
 
-    def prepare(self, A: BlockMatrix) -> None:
-        """Factorise A; raises as `Pardiso.prepare`, and after an error there is no matrix."""
-        begin = time.perf_counter()
-        self._A = None
-        self.prepared += 1
-        if self._rows is None or not A.pattern.same_as(self._rows.pattern):
-            self._rows = ScalarRows(A.pattern, upper=False)
-        self._rows.refill(A)
+    def _factorise(self, A: BlockMatrix) -> int:
         n = 3 * len(A.pattern)
         # The row arrays of A, used as column arrays, give Aᵀ.
         self._lu = self._factor(sparse.csc_matrix(self._rows.arrays, shape=(n, n)))
-        self.entries = self._lu.nnz
-        self._A = A
-        self._seconds = time.perf_counter() - begin
+        return int(self._lu.nnz)
 
     def _factor(self, transposed: sparse.csc_matrix) -> SuperLUFactor:
         """Return the factor of a matrix A, given as `transposed` = Aᵀ.

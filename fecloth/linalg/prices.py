@@ -10,6 +10,7 @@ matrix of any size, is in block products of the smallest of these matrices.
 
 import math
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -61,8 +62,8 @@ class Prices:
         To take a new matrix into multigrid whose coarse matrices stay.
     cycle
         An iteration of conjugate gradients whose preconditioner is a cycle of multigrid.
-    pardiso, superlu
-        Of the direct solvers.
+    factors
+        Of each direct solver, by its name.
     """
 
     tangent: float
@@ -71,8 +72,7 @@ class Prices:
     coarse: float
     refill: float
     cycle: float
-    pardiso: FactorPrices
-    superlu: FactorPrices
+    factors: Mapping[str, FactorPrices]
 
     @classmethod
     def of(cls, pattern: BlockPattern) -> Self:
@@ -80,9 +80,11 @@ class Prices:
         price = Likeness.of(pattern).price
         blocks = len(pattern.indices)
 
-        def factor_prices(name: str, load: float, analysis: float) -> FactorPrices:
+        def factor_prices(name: str) -> FactorPrices:
+            once = [f"{name} load", f"{name} analysis"]  # SuperLU has neither
+            load, analysis = (price(row) if row in _table() else 0.0 for row in once)
             return FactorPrices(
-                load=load,
+                load=load / blocks,
                 analysis=analysis,
                 entries=price(f"{name} entries", beyond=True) * blocks,
                 factor=price(f"{name} factor") / blocks,
@@ -92,8 +94,7 @@ class Prices:
         plain = ("tangent", "residual", "grids", "coarse", "refill", "cycle")
         return cls(
             **{name: price(name) for name in plain},
-            pardiso=factor_prices("pardiso", price("load") / blocks, price("analysis")),
-            superlu=factor_prices("superlu", load=0.0, analysis=0.0),
+            factors={name: factor_prices(name) for name in ("pardiso", "rslab", "superlu")},
         )
 
 

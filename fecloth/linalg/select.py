@@ -21,12 +21,14 @@ its price in `prices`. The seconds of the run do not matter, so that a run repea
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
+from importlib.util import find_spec
 
 import numpy as np
 
 from fecloth.errors import IndefiniteMatrix, InputError, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.direct import Pardiso, SuperLU
+from fecloth.linalg.direct import Direct, Pardiso, Rslab, SuperLU
 from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.linalg.prices import FactorPrices, Prices
@@ -62,12 +64,12 @@ class AutoSolver:
     keeps_state = True
     _A: BlockMatrix | None
 
-    def __init__(self, pattern: BlockPattern, direct: Callable[[], Pardiso | SuperLU] | None):
+    def __init__(self, pattern: BlockPattern, direct: Callable[[], Direct] | None):
         """Begin with conjugate gradients, for matrices of about this pattern."""
         self.prepared = 0
         self.work = 0.0
         self._prices = Prices.of(pattern)
-        self._make: dict[str, Callable[[], PCG | Pardiso | SuperLU]]
+        self._make: dict[str, Callable[[], PCG | Direct]]
         self._make = {"pcg": PCG, "multigrid": Multigrid}
         if direct:
             self._make["direct"] = direct
@@ -75,7 +77,7 @@ class AutoSolver:
 
     def drop(self) -> None:
         """Reset to the initial state: remove all averages and solvers."""
-        self._solvers: dict[str, PCG | Pardiso | SuperLU] = {}
+        self._solvers: dict[str, PCG | Direct] = {}
         self._step_begun: tuple[float, float, np.ndarray] | None = None
         self._reset_averages()
 
@@ -97,7 +99,7 @@ class AutoSolver:
         """
         if mode not in self._solvers:
             self._solvers[mode] = self._make[mode]()
-            if mode != "pcg":  # only now it is known whether there is PARDISO
+            if mode != "pcg":  # only now it is known which direct solver there is
                 self._average[mode] = self.estimate(mode)
         self._mode = mode
         self._solver = self._solvers[mode]
@@ -114,10 +116,14 @@ class AutoSolver:
 
     @property
     def _factor_prices(self) -> FactorPrices:
-        """The prices of the direct solver: of PARDISO until it is known that there is none."""
+        """The prices of the direct solver: of the one to expect until it is made.
+
+        Without a direct solver they are those of PARDISO.
+        """
         solver = self._solvers.get("direct")
-        is_superlu = solver is not None and solver.name == "superlu"
-        return self._prices.superlu if is_superlu else self._prices.pardiso
+        if solver is not None:
+            return self._prices.factors[solver.name]
+        return self._prices.factors[expected() if "direct" in self._make else "pardiso"]
 
     @property
     def _entries(self) -> float:
@@ -262,19 +268,27 @@ class AutoSolver:
         self._average[self._mode] = old + weight * (work - old)
 
 
-NAMES = ("direct", "pardiso", "superlu", "pcg", "multigrid")
+NAMES = ("direct", "pardiso", "rslab", "superlu", "pcg", "multigrid")
 """The names that `create` knows."""
+DIRECT = {"pardiso": Pardiso, "rslab": Rslab, "superlu": SuperLU}
+"""The direct solvers, the fastest first."""
+PACKAGES = {"pardiso": "pypardiso", "rslab": "rslab", "superlu": "scipy"}
 
 
-def direct(symmetric: bool = True) -> Pardiso | SuperLU:
-    """Create PARDISO if the MKL can be loaded, else SuperLU."""
-    try:
-        return Pardiso(symmetric)
-    except (ImportError, OSError):
-        return SuperLU(symmetric)
+def direct(symmetric: bool = True) -> Direct:
+    """Create the first of `DIRECT` that can be loaded."""
+    for make in (Pardiso, Rslab):
+        with suppress(ImportError, OSError):
+            return make(symmetric)
+    return SuperLU(symmetric)
 
 
-def choose(pattern: BlockPattern, symmetric: bool) -> tuple[Pardiso | SuperLU | AutoSolver, str]:
+def expected() -> str:
+    """The name of the solver that `direct` makes, if its package loads; it is not loaded here."""
+    return next(name for name, package in PACKAGES.items() if find_spec(package))
+
+
+def choose(pattern: BlockPattern, symmetric: bool) -> tuple[Direct | AutoSolver, str]:
     """Create the solver "auto" for matrices of a pattern; also return a text with the reason.
 
     If the matrices are not symmetric, it is a direct solver.
@@ -286,11 +300,11 @@ def choose(pattern: BlockPattern, symmetric: bool) -> tuple[Pardiso | SuperLU | 
     return solver, f"at first; a factor and a solve cost about as much as {price:.0f} iterations"
 
 
-def create(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG | Multigrid:
+def create(name: str, symmetric: bool = True) -> Direct | PCG:
     """Create the solver with one of the `NAMES`.
 
-    "direct" is PARDISO if it is available, else SuperLU. Raises `InputError` for another name,
-    for an iterative solver of matrices that are not symmetric, and if PARDISO cannot be loaded.
+    "direct" is the first of `DIRECT` that is available. Raises `InputError` for another name, for
+    an iterative solver of matrices that are not symmetric, and if a package cannot be loaded.
     """
     what = f"solver {name!r}"
     where = "linalg.select.create"
@@ -302,12 +316,10 @@ def create(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG | Multi
         return PCG()
     if name == "multigrid":
         return Multigrid()
-    if name == "pardiso":
-        try:
-            return Pardiso(symmetric)
-        except (ImportError, OSError) as error:
-            remedy = 'Install pypardiso (x86-64 only: "pip install pypardiso") or use "superlu".'
-            raise InputError(what, f"cannot be loaded ({error})", where, remedy) from error
-    if name == "superlu":
-        return SuperLU(symmetric)
-    return direct(symmetric)
+    if name == "direct":
+        return direct(symmetric)
+    try:
+        return DIRECT[name](symmetric)
+    except (ImportError, OSError) as error:
+        remedy = f'Install it by "pip install {PACKAGES[name]}", or use "direct".'
+        raise InputError(what, f"cannot be loaded ({error})", where, remedy) from error

@@ -36,15 +36,18 @@ class Hinges:
     feet: np.ndarray
 
     @classmethod
-    def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> Self:
+    def from_triangles(
+        cls, X: np.ndarray, triangles: np.ndarray, corners: np.ndarray | None = None
+    ) -> Self:
         """Find the hinges of triangles (m, 3) between nodes X (n, 2), ordered by left triangle.
 
         The triangles must be counter-clockwise. The left triangle of a hinge is the one with
-        the lower half-edge number.
+        the lower half-edge number. `corners` (m, 3, 2) are the coordinates of their corners
+        where these are not those of the nodes.
         """
         n = len(X)
-        corners = triangles.astype(np.int64)
-        start, end, opposite = (np.roll(corners, -shift, axis=1).ravel() for shift in range(3))
+        numbers = triangles.astype(np.int64)
+        start, end, opposite = (np.roll(numbers, -shift, axis=1).ravel() for shift in range(3))
         key = start * n + end
         # Neighbours run along their edge in opposite directions, so the key of the twin, the
         # half-edge in the other triangle, has the nodes exchanged.
@@ -57,15 +60,18 @@ class Hinges:
         right = twin[left]
         nodes = np.stack([start[left], end[left], opposite[left], opposite[right]], axis=1)
         sides = np.stack([left // 3, right // 3], axis=1)
-        return cls._from_nodes(X, nodes.astype(np.int32), sides)
-
-    @classmethod
-    def _from_nodes(cls, X, nodes, sides) -> Self:
-        e, *apexes = (X[nodes[:, a]] - X[nodes[:, 0]] for a in (1, 2, 3))
+        corners = X[triangles] if corners is None else corners
+        first, second, apex = (
+            np.roll(corners, -shift, axis=1).reshape(-1, 2) for shift in range(3)
+        )
+        # the right half-edge begins where the left one ends
+        e = second[left] - first[left]
+        arms = apex[left] - first[left], apex[right] - second[right]
         square = np.sum(e * e, axis=1)
-        areas = [0.5 * np.abs(e[:, 0] * a[:, 1] - e[:, 1] * a[:, 0]) for a in apexes]
-        feet = [np.sum(e * a, axis=1) / square for a in apexes]
-        return cls(nodes, sides, e, np.stack(areas, axis=1), np.stack(feet, axis=1))
+        areas = [0.5 * np.abs(e[:, 0] * a[:, 1] - e[:, 1] * a[:, 0]) for a in arms]
+        feet = [np.sum(e * a, axis=1) / square for a in arms]
+        of_sides = np.stack(areas, axis=1), np.stack(feet, axis=1)
+        return cls(nodes.astype(np.int32), sides, e, *of_sides)
 
     @cached_property
     def length(self) -> np.ndarray:
@@ -102,11 +108,15 @@ class HalfEdges:
         (m, 3) corners, counter-clockwise.
     hinges
         The interior edges of the same triangles.
+    own_corners
+        (m, 3, 2) coordinates of the corners of each triangle [m], where these are not those of
+        the nodes; else None.
     """
 
     X: np.ndarray
     triangles: np.ndarray
     hinges: Hinges
+    own_corners: np.ndarray | None = None
 
     @classmethod
     def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> Self:
@@ -131,7 +141,7 @@ class HalfEdges:
     @cached_property
     def vector(self) -> np.ndarray:
         """(m, 3, 2) vectors along the half-edges [m]."""
-        corners = self.X[self.triangles]
+        corners = self.X[self.triangles] if self.own_corners is None else self.own_corners
         return np.roll(corners, -1, axis=1) - corners
 
     @cached_property

@@ -59,12 +59,17 @@ def mortar_weights(places: np.ndarray, leading: np.ndarray, degree: int) -> spar
     return W.tocsr()
 
 
+def common_pieces(places: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """The ends, ascending, of the pieces between the places on one edge and on another one."""
+    cuts = np.unique(np.concatenate([places, others]))
+    return cuts[np.append(True, np.diff(cuts) > SAME_PLACE)]
+
+
 def _integrals(
     places: np.ndarray, leading: np.ndarray, degree: int
 ) -> tuple[sparse.csr_matrix, sparse.lil_matrix]:
     """Return D_ij = ∫ ψ_i φ_j ds and B_ij = ∫ ψ_i Φ_j ds, with the Φ of the leading edge."""
-    cuts = np.unique(np.concatenate([places, leading]))
-    cuts = cuts[np.append(True, np.diff(cuts) > SAME_PLACE)]
+    cuts = common_pieces(places, leading)
     points, weights = leggauss(degree + 1)
     size = np.diff(cuts)[:, None]
     s = (cuts[:-1, None] + size * (points + 1) / 2).ravel()

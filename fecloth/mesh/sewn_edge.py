@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, brief
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.selection import Where
 
@@ -16,8 +16,8 @@ class SewnEdge:
 
     Attributes
     ----------
-    name
-        What errors call it.
+    where
+        What selects it, as of `Seam`.
     nodes
         (k,) its nodes in order; of P2 every second one is the midpoint of an edge. Those of a
         closed border begin and end with the same node.
@@ -29,7 +29,7 @@ class SewnEdge:
         Its length on the flat cloth [m]; of P2 by the chords between all nodes.
     """
 
-    name: str
+    where: Where
     nodes: np.ndarray
     half_edges: np.ndarray
     places: np.ndarray
@@ -44,13 +44,14 @@ class SewnEdge:
         the set "front/left" of a cloth made of pieces. Raises `InputError` for edges that are
         inside the cloth, or no single path.
         """
-        name = where if isinstance(where, str) else "nodes"
+        name = brief(where)
+        known = where
         if isinstance(where, str) and where not in cloth.node_sets:
             slashed = where.replace(".", "/")
-            where = slashed if slashed in cloth.node_sets else where
-        half_edges, on_border = cloth.half_edges(where)
+            known = slashed if slashed in cloth.node_sets else where
+        half_edges, on_border = cloth.half_edges(known)
         if not on_border.all():
-            raise InputError(f"edge {name!r} inside the cloth", "must be on its border", "Seam")
+            raise InputError(f"edge {name} inside the cloth", "must be on its border", "Seam")
         triangle, corner = np.divmod(half_edges, 3)
         begin = cloth.triangles[triangle, corner].astype(np.int64)
         end = cloth.triangles[triangle, (corner + 1) % 3].astype(np.int64)
@@ -62,20 +63,27 @@ class SewnEdge:
         first, last = cloth.X[nodes[[0, -1]]]
         if tuple(last) < tuple(first):
             nodes, half_edges = nodes[::-1], half_edges[::-1]
-        return cls._measure(name, nodes, half_edges, cloth)
+        return cls._measure(where, nodes, half_edges, cloth)
 
     @classmethod
-    def _measure(cls, name: str, nodes: np.ndarray, half_edges, cloth: Cloth) -> Self:
+    def _measure(cls, where: Where, nodes: np.ndarray, half_edges, cloth: Cloth) -> Self:
         """The edge with its lengths."""
         chords = np.linalg.norm(np.diff(cloth.X[nodes], axis=0), axis=1)
         lengths = chords.reshape(len(half_edges), -1).sum(axis=1)
         total = float(lengths.sum())
-        return cls(name, nodes, half_edges, np.append(0.0, np.cumsum(lengths) / total), total)
+        return cls(where, nodes, half_edges, np.append(0.0, np.cumsum(lengths) / total), total)
+
+    def node_places(self) -> np.ndarray:
+        """(k,) the part of its length at each node, also at midpoints of P2."""
+        if len(self.nodes) == len(self.places):
+            return self.places
+        middle = (self.places[1:] + self.places[:-1]) / 2
+        return np.insert(self.places, np.arange(1, len(self.places)), middle)
 
     def reversed(self) -> "SewnEdge":
         """The same edge from its other end."""
         backward = self.nodes[::-1], self.half_edges[::-1], 1.0 - self.places[::-1]
-        return SewnEdge(self.name, *backward, self.length)
+        return SewnEdge(self.where, *backward, self.length)
 
 
 def _path(begin: np.ndarray, end: np.ndarray, X: np.ndarray, name: str) -> np.ndarray:
@@ -94,7 +102,7 @@ def _path(begin: np.ndarray, end: np.ndarray, X: np.ndarray, name: str) -> np.nd
             break
         order.append(following)
     if len(order) < len(begin) or len(edge_from) < len(begin):
-        what = f"edge {name!r} in several parts"
+        what = f"edge {name} in several parts"
         remedy = "Name each part by a set of its own, and sew it by a seam of its own."
         raise InputError(what, "must be one path along the border", "Seam", remedy)
     return np.array(order)

@@ -20,7 +20,7 @@ from fecloth.nonlinear.options import Newton
 
 # By solver: what a tangent and its factor cost, in solves and residuals with it, on one thread.
 # PCG has no factor to keep.
-PRICES = {"pardiso": 5.0, "superlu": 20.0}
+PRICES = {"pardiso": 5.0, "rslab": 7.0, "superlu": 20.0}
 # After failures in a row reuse is tried again after so many new factors at the latest. It may pay
 # again later in a run, and a failed attempt costs less than a factor.
 LONGEST_WAIT = 64

@@ -9,7 +9,17 @@ from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 
-PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardiso", "mkl")
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "scikit-fem",
+    "gmsh",
+    "meshio",
+    "numba",
+    "rslab",
+    "pypardiso",
+    "mkl",
+)
 
 
 def versions() -> dict[str, str]:

@@ -186,8 +186,8 @@ def list_calls_of_records(problem: Setup) -> list[FirstCall]:
 def list_calls_of_solvers(problem: Setup, method: Any) -> Iterator[FirstCall]:
     """Yield a call for each linear solver that the steps may use.
 
-    SuperLU stands for the factorisation of "auto": it calls all kernels that PARDISO calls, and
-    does not load the MKL.
+    SuperLU stands for the factorisation of "auto": it calls all kernels that the others call, and
+    loads no library.
     """
     is_clamped = problem.newton is not None and problem.newton.definiteness == "clamp"
     symmetric = is_clamped or has_symmetric_matrix(problem.system, method)

@@ -127,7 +127,9 @@ def _bind_system(
     with errors_of_key("solver.threads"):
         number_of_threads(threads)  # only to refuse a wrong number by the name of its key
     try:
-        return make_system(cloth, fabric, terms, pins, scene.mass, grain, start, threads=threads)
+        seams = [table.make() for table in scene.seams]
+        given = cloth, fabric, terms, pins, scene.mass, grain, start
+        return make_system(*given, threads=threads, seams=seams)
     except InputError:
         # Find the part with the mistake. If each part alone is valid, the terms do not fit
         # together.
@@ -156,6 +158,7 @@ def _refuse_parts(
     for i, pin in enumerate(pins):
         with errors_at(f"pins.{i}", scene.source, written, scene.text):
             find_clamps(Constraints.bind([pin], cloth), cloth, start)
+    _refuse_seams(scene, cloth, fabric, pins, errors_of_key)
     with errors_of_key("fabric" if scene.fabric else "fabrics"):
         Panel.cut(cloth, fabric)
     with errors_of_key("grain_degrees"):
@@ -165,6 +168,19 @@ def _refuse_parts(
     for i, term in enumerate(terms):
         with errors_at(f"terms.{i}", scene.source, written, scene.text):
             System(cloth, fabric, [term], pins=(), mass=scene.mass, grain=grain)
+
+
+def _refuse_seams(
+    scene: Any, cloth: Cloth, fabric: Any, pins: list[Pin], errors_of_key: ErrorsOfKey
+) -> None:
+    """Raise `SceneError` for the first seam that alone makes no system; else for all together."""
+    seams = [table.make() for table in scene.seams]
+    for i, seam in enumerate(seams):
+        with errors_of_key(f"seams.{i}"):
+            System(cloth, fabric, terms=(), seams=[seam])
+    with errors_of_key("seams"):
+        for seam in seams[:1]:
+            seam.sew(seams, cloth, Constraints.bind(pins, cloth))
 
 
 def _in_radians(degrees: float | Mapping[str, float]) -> float | dict[str, float]:
@@ -305,6 +321,9 @@ def _check_start(scene: Any, system: System, state: State, errors_of_key: Errors
     """
     with errors_of_key("start"):
         refuse_start_in_other_units(system.cloth, state.x, where="")
+    for i, seam in enumerate(system.seams):
+        with errors_of_key(f"seams.{i}"):
+            seam.check_start(system, state.x, state.t, where="")
     for name, term in system.named:
         f = np.zeros_like(state.x)  # forces [N], (n, 3)
         with errors_of_key("start"):

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from fecloth.errors import InputError, MeshError, SceneError, did_you_mean
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth")
-_ITEM = re.compile(r"(terms|pins|probes)\.(\d+)")
+_ITEM = re.compile(r"(terms|pins|seams|probes)\.(\d+)")
 MESH_FILE = 'A mesh file is given by shape = "file" and path = "sheet.msh".'
 OTHER_NAMES = {
     "circle": "disk",

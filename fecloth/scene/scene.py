@@ -14,7 +14,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
 from fecloth.errors import InputError, SceneError
-from fecloth.linalg.direct import Pardiso, SuperLU
+from fecloth.linalg.direct import Direct
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.mesh.child_process import TIME_LIMIT
 from fecloth.mesh.cloth import Cloth
@@ -66,6 +66,8 @@ class Scene(Table):
     """Forces and energies, as [[terms]]; a scene has the terms that it names, and no others."""
     pins: tuple[PinTable, ...] = ()
     """What holds or moves nodes, as [[pins]]."""
+    seams: tuple[tables.SeamTable, ...] = ()
+    """Edges that are sewn together, as [[seams]]."""
     start: Start = Start()
     """Where the cloth starts."""
     time: Time = None  # type: ignore[assignment]  # None if static
@@ -159,7 +161,7 @@ class Scene(Table):
             if getattr(self.output, key):
                 raise InputError(f"output.{key} is given", static, remedy=f"Use {instead}.")
         if self.solver.linear in ("pcg", "multigrid"):
-            remedy = "Leave it out, or take direct, pardiso or superlu."
+            remedy = "Leave it out, or take direct, pardiso, rslab or superlu."
             raise InputError(f'solver.linear = "{self.solver.linear}"', static, remedy=remedy)
         if self.solver.make() != Newton():
             remedy = "Its tolerance and max_iterations are keys of [equilibrium]; leave others out."
@@ -267,7 +269,7 @@ class Scene(Table):
         changes: dict[str, Any] = {}
         if self.time and self.time.method.type == "auto":
             changes["time"] = self.time.taking(steps)
-        if isinstance(linear, Pardiso | SuperLU):
+        if isinstance(linear, Direct):
             changes["solver"] = self.solver.model_copy(update={"linear": linear.name})
         return self.model_copy(update=changes)
 

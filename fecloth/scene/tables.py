@@ -22,6 +22,7 @@ from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
 from fecloth.scene.field_types import File, resolve_path
 from fecloth.scene.placement import RotationTable
 from fecloth.scene.table_model import TERM, Made, one_of, table_of
+from fecloth.system.seams import Seam
 from fecloth.terms.contact import shapes
 from fecloth.terms.membranes.curves import CurveData, read_rows
 from fecloth.terms.protocol import is_description
@@ -64,6 +65,8 @@ ShapeTable: Any = one_of("type", SHAPE_TABLES)
 _FIELDS = _TURNED | {shapes.Shape: (ShapeTable, ...), str | Path: (File, ...)}
 _FIELDS |= {CurveData | None: (_Curve, None)}
 
+SeamTable: Any = table_of(Seam, first=(str, ...), second=(str, ...))
+
 _NewtonFields: Any = table_of(Newton)  # a base class made at run time
 
 
@@ -72,7 +75,7 @@ class SolverTable(_NewtonFields):
 
     model_config: ClassVar = {"use_attribute_docstrings": True}
 
-    linear: Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"] = "auto"
+    linear: Literal["auto", "direct", "pardiso", "rslab", "superlu", "pcg", "multigrid"] = "auto"
     """The linear solver."""
     threads: int | Literal["auto"] = "auto"
     """Threads that share all loops: a number, or "auto"."""

@@ -9,6 +9,7 @@ from fecloth.integrators.fused_steps import Flows
 from fecloth.integrators.numerical_dissipation import has_power_column, load_displacement
 from fecloth.linalg.reductions import dot
 from fecloth.simulation.account import Account, Accounts, Run
+from fecloth.simulation.closing_work import closing_work
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -22,7 +23,7 @@ NO_POWER = 1e-12  # W; round-off of an inner damping at 1 m/s
 class Ledger(Account):
     """Energies, dissipation and work since the start, all in J, at time t.
 
-    kinetic + Σ potential + Σ dissipated + numerical − Σ work − pins − start = remainder
+    kinetic + Σ potential + Σ dissipated + impacts + numerical − Σ work − pins − start = remainder
 
     Attributes
     ----------
@@ -45,6 +46,10 @@ class Ledger(Account):
     numerical
         Numerical dissipation by the method's own formula, `numerical`: zero for the
         midpoint rule; exact for energies quadratic in x.
+    impacts
+        With contact, the kinetic energy that the impulses of impacts have taken at the ends
+        of steps. Where steps do not resolve an impact, its force has taken too much within
+        the step, as numerical dissipation, and the impulses give a part of it back.
     opening
         The energies at the start, with "kinetic".
     resisting
@@ -65,6 +70,7 @@ class Ledger(Account):
     opening: Mapping[str, float]
     resisting: tuple[str, ...] = ()
     silent: bool = False
+    impacts: float | None = None
 
     @classmethod
     def open(cls, system: System, state: State) -> "Ledger":
@@ -74,6 +80,8 @@ class Ledger(Account):
         kinetic = energies.pop("kinetic")
         dissipated = {name: 0.0 for name, term in system.named if term.dissipative}
         work = {name: 0.0 for name, term in system.named if term.supplies}
+        if system.constraints.followers.closes:
+            work["seams"] = 0.0
         reported = {*energies, *dissipated, *work}
         silent = any(name not in reported for name in system.names)
         resisting = _resisting(system, state, dissipated)
@@ -88,6 +96,7 @@ class Ledger(Account):
             opening=opening,
             resisting=resisting,
             silent=silent,
+            impacts=0.0 if any(term.needs_end for term in system.bound) else None,
         )
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Ledger":
@@ -109,7 +118,7 @@ class Ledger(Account):
         """
         energies = system.with_history(step.history).energies(step.state)
         kinetic = energies.pop("kinetic")
-        flows = flows or self._flows(system, method, old, step)
+        flows = flows or self._flows(system, method, old, step.before_impacts, step.state)
         after = self.with_flows(flows)
         return after.changed(t=step.state.t, kinetic=kinetic, potential=energies)
 
@@ -125,8 +134,11 @@ class Ledger(Account):
         kinetic = energies.pop("kinetic")
         return self.changed(kinetic=kinetic, potential=energies, pins=self.pins + change)
 
-    def _flows(self, system: System, method, old: State, step) -> Flows:
-        """Return what a step dissipates and what loads and pins do in it."""
+    def _flows(self, system: System, method, old: State, step, new: State) -> Flows:
+        """Return what a step dissipates, what loads and pins do in it, and what impacts take.
+
+        `step` is the step before impacts, and `new` is the state after them.
+        """
         dt = step.state.t - old.t
         acting = (step.over or system).bound
         dissipated = dict[str, float]()
@@ -136,9 +148,17 @@ class Ledger(Account):
                 dissipated[name] = _dissipation(term, acting_term, step, dt)
             if name in self.work:
                 work[name] = _work(term, acting_term, old, step, method.traits.explicit)
+        if "seams" in self.work:
+            work["seams"] = closing_work(system, old, step)
         pins = _pin_work(system, method.traits.theta, old, step)
         pins += _clamp_work(system, method.traits.theta, old, step)
-        return Flows(dissipated, work, pins, method.numerical(system, old, step))
+        jump = new.v - step.state.v
+        impacts = -system.sums.dot(jump, system.mass_times(step.state.v + 0.5 * jump))
+        for name, more in zip(system.names, step.works, strict=False):
+            if name in work:
+                work[name] += more
+                impacts += more
+        return Flows(dissipated, work, pins, method.numerical(system, old, step), impacts)
 
     def with_flows(self, flows: Flows) -> "Ledger":
         """Return the ledger with the flows of steps without rows."""
@@ -150,6 +170,7 @@ class Ledger(Account):
             work={name: done + flows.work.get(name, 0.0) for name, done in self.work.items()},
             pins=self.pins + flows.pins,
             numerical=self.numerical + flows.numerical,
+            impacts=None if self.impacts is None else self.impacts + flows.impacts,
         )
 
     @property
@@ -188,14 +209,14 @@ class Ledger(Account):
     @property
     def remainder(self) -> float:
         """Energy that the other columns do not explain [J]."""
-        lost = sum(self.dissipated.values()) + self.numerical
+        lost = sum(self.dissipated.values()) + self.numerical + (self.impacts or 0.0)
         return self.total + lost - sum(self.work.values()) - self.pins - self.start
 
     def amounts(self) -> list[float]:
         """Return all terms of the remainder's difference [J]."""
         then_and_now = *self.opening.values(), self.kinetic, *self.potential.values()
         flows = *self.dissipated.values(), *self.work.values(), self.pins, self.numerical
-        return [*then_and_now, *flows]
+        return [*then_and_now, *flows, self.impacts or 0.0]
 
     def row(self) -> dict[str, float]:
         """Return a row of energies.csv."""
@@ -207,6 +228,7 @@ class Ledger(Account):
             **{f"work:{name}": value for name, value in self.work.items()},
             "pins": self.pins,
             "numerical": self.numerical,
+            **({} if self.impacts is None else {"impacts": self.impacts}),
             "total": self.total,
             "remainder": self.remainder,
         }

@@ -149,7 +149,7 @@ def equilibrium(
     max_iterations
         Of each load step, and four times as many with friction; beyond it the step has failed.
     solver
-        "direct", "pardiso" or "superlu".
+        "direct", "pardiso", "rslab" or "superlu".
     report
         Called with each `Iteration`.
 
@@ -281,8 +281,8 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
     for name, value in (("max_iterations", max_iterations), ("load_steps", load_steps)):
         if value is not None:
             validation.whole(name, value, 1, "equilibrium")
-    if solver not in ("direct", "pardiso", "superlu"):
-        allowed = "must be direct, pardiso or superlu"
+    if solver not in ("direct", "pardiso", "rslab", "superlu"):
+        allowed = "must be direct, pardiso, rslab or superlu"
         raise InputError(f"solver = {solver!r}", allowed, "equilibrium")
 
 

@@ -64,8 +64,8 @@ def march(
     t_end, stops
         End time, and times between at which a step must end [s].
     solver
-        "auto", "direct", "pardiso", "superlu", "pcg", "multigrid", or a `SolverContext` made by
-        `solver_for`.
+        "auto", "direct", "pardiso", "rslab", "superlu", "pcg", "multigrid", or a `SolverContext`
+        made by `solver_for`.
     newton
         Options of the nonlinear solve.
     most_stretch

@@ -227,6 +227,7 @@ class Observer:
         for name in self.system.constraints.groups:
             row |= _components(f"reaction:{name}", forces.get(name, np.full(3, np.nan)))
         row |= contact_rows(self.system, acting, state)
+        row |= self.system.constraints.followers.gaps(state.x)
         for measure in self.measures.values():
             row |= measure(state.x, row)
         return row

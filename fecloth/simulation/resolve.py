@@ -33,7 +33,7 @@ def solver_for(
         A typical step [s].
     choice
         "auto", which changes the solver by the work that it counts (see `select`), "direct",
-        "pardiso", "superlu", "pcg" or "multigrid".
+        "pardiso", "rslab", "superlu", "pcg" or "multigrid".
     options
         Options of the nonlinear solve; None for the defaults.
 

@@ -18,7 +18,7 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 OF_THE_WAY = ("max", "min", "path", "period", "frequency", "function")  # `how` of quantities
-SUMMED = ("work", "dissipated", "pins", "numerical", "remainder")  # columns that add up over steps
+SUMMED = ("work", "dissipated", "pins", "numerical", "impacts", "remainder")  # add up over steps
 
 
 def needs_the_way(quantity: Quantity) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fecloth.quantities.digits import with_uncertainty
 from fecloth.study.convergence import Convergence, best_value
-from fecloth.study.figures import label_ends, labelled, line_style, new_figure
+from fecloth.study.figures import label_ends, labelled, line_style, new_figure, use_plain_ticks
 from fecloth.study.overlay import Overlay
 from fecloth.study.result import StudyResult
 
@@ -107,15 +107,25 @@ class Comparison(StudyResult):
         return words
 
     def figure(self):
-        """Return the values over h or dt, each with the band of its limit and its uncertainty."""
-        drawing, ax = new_figure(size=(8.0, 5.0))
+        """Return the values over h or dt, and beside them their estimated errors.
+
+        Each variant has the band of its limit and its uncertainty, and its theoretical slope.
+        """
+        drawing, (ax, right) = new_figure(1, 2, size=(12.0, 5.0))
         drawing.suptitle(f"{self.title}: {self.quantity}")
         ends = []
         for i, (name, study) in enumerate(self.studies.items()):
             study.draw_values(ax, line_style(i))
+            study.draw_errors(right, name, line_style(i))
             first = study.table[0]
             ends.append((name, line_style(i)["color"], first[study.size_name], first["value"]))
         ax.set(ylabel=labelled(self.quantity, self.unit))
+        right.set(xlabel=ax.get_xlabel(), ylabel=labelled("estimated error", self.unit))
+        if right.lines:
+            use_plain_ticks(right)
+            right.legend()
+        else:
+            right.text(0.5, 0.5, "no error to show", ha="center", transform=right.transAxes)
         if ends:
             label_ends(ax, ends)
         else:

@@ -153,12 +153,8 @@ class Convergence(StudyResult):
                 label = f"{row['mesh']} meshes" if "mesh" in row else "estimated error"
                 rows_of_mesh.setdefault(label, []).append(row)
         for i, (label, rows) in enumerate(rows_of_mesh.items()):
-            sizes = np.array([row[self.size_name] for row in rows])
-            errors = [row["error"] for row in rows]
-            left.loglog(sizes, errors, label=label, **line_style(i))
+            self._draw_errors(left, rows, label, line_style(i))
         if rows_of_mesh:
-            slope = errors[0] * (sizes / sizes[0]) ** self.theory
-            left.loglog(sizes, slope, "--", color="0.5", label=f"order {self.theory:g}")
             use_plain_ticks(left)
             left.legend()
         else:
@@ -167,6 +163,20 @@ class Convergence(StudyResult):
         left.set(xlabel=right.get_xlabel(), ylabel=labelled("estimated error", self.unit))
         right.set_ylabel(labelled("value", self.unit))
         return drawing
+
+    def draw_errors(self, ax, label: str, style: Mapping[str, Any]) -> None:
+        """Draw the estimated errors of the levels over h or dt, with the theoretical slope."""
+        rows = [row for row in self.table if row.get("error") and row.get("mesh") != "uniform"]
+        if rows:
+            self._draw_errors(ax, rows, label, style)
+
+    def _draw_errors(self, ax, rows: list, label: str, style: Mapping[str, Any]) -> None:
+        """Draw the errors of some rows, and a dashed line with the theoretical slope."""
+        sizes = np.array([row[self.size_name] for row in rows])
+        errors = [row["error"] for row in rows]
+        ax.loglog(sizes, errors, label=label, **style)
+        slope = errors[0] * (sizes / sizes[0]) ** self.theory
+        ax.loglog(sizes, slope, "--", color=style["color"], lw=1, label=f"order {self.theory:g}")
 
     @property
     def is_one_state(self) -> bool:

@@ -244,7 +244,7 @@ def _quietly(setup: Setup) -> Iterator[None]:
 MOVED_VALUES = 1e-7
 # The derivative of the values of a run over the largest value: a smaller one is round-off.
 LEAST_SLOPE = 1e-12
-FLOWS = ("dissipated", "work", "pins", "numerical", "remainder")
+FLOWS = ("dissipated", "work", "pins", "numerical", "impacts", "remainder")
 
 
 def what_to_record(quantities: Sequence[Quantity], setup: Setup) -> Recorded:

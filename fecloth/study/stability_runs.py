@@ -40,7 +40,7 @@ CLOSE = (1.06, 2**0.25)
 # unstable mode: e^48 = 7e20.
 GROWTH = 24.0
 MOST_ROUNDS = 6  # of runs with half of the shortest step or twice the longest one
-SUMS = ("pins", "numerical", "total", "remainder")
+SUMS = ("pins", "numerical", "impacts", "total", "remainder")
 Range = tuple[float, float]  # longest dt that holds, shortest longer one that does not [s]
 
 

@@ -28,6 +28,8 @@ def check_system(system: object, state: object, where: str, starts: bool = True)
     if starts:
         for term in system.bound:
             term.check_start(state.x, state.t, where)
+        for seam in system.seams:
+            seam.check_start(system, state.x, state.t, where)
 
 
 def _check_array(name: str, value: object, nodes: int, where: str) -> None:

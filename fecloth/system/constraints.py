@@ -193,7 +193,7 @@ class Constraints:
         """
         v = np.zeros_like(x)
         old = x
-        if self.moved or self.followers.closes:
+        if self.moved or len(self.followers.nodes):
             x = x.copy()
         for group in self.moved:
             before = group.displacement(t)

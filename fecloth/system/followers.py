@@ -47,6 +47,10 @@ class Followers:
         """y_F − W y_L (k, 3)."""
         return np.zeros((0, 3))
 
+    def gaps(self, x: np.ndarray) -> dict[str, float]:
+        """By its column, the largest gap of each seam that closes, at x (n, 3) [m]."""
+        return {}
+
     def close(self, t: float, later: float, old: np.ndarray, x: np.ndarray, v: np.ndarray) -> None:
         """Set x_F and v_F of x and v (n, 3) at `later`, from the positions `old` at t [s]."""
 

@@ -2,24 +2,29 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 
-from fecloth.errors import InputError, flag, is_number
+from fecloth.errors import InputError, brief, flag, is_number
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.mortar import mortar_weights
 from fecloth.mesh.selection import Where
+from fecloth.mesh.sewn_cloth import SewnCloth
 from fecloth.mesh.sewn_edge import SewnEdge
 from fecloth.quantities.arguments import checks_arguments
-from fecloth.quantities.units import TIME
+from fecloth.quantities.units import ANGLE, TIME
 from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Pin
 from fecloth.system.sewn_nodes import SewnNodes
+from fecloth.terms.bending.seam import SeamBending
 
 MOST_EASING = 0.2  # of the longer edge: the most by which two sewn edges may differ in length
+SAME_PLACE = 1e-6  # of the length of an edge: so near, two edges are the same but for a shift
+PLATE_REMEDY = "Give a number [N m/rad per m], or lay the pieces side by side on the flat cloth."
+MOST_GAP = 0.2  # of the shortest edge: a seam with less is closed at the start
 SAME_WEIGHT = 1e-9  # weights of two seams of one node that are as near are the same
 
 
@@ -38,17 +43,27 @@ class Seam:
 
     Parameters
     ----------
-    first, second
-        The edges: names of edge sets or node sets, as "left", or "front.left" of a piece; or
-        node indices, or a predicate on X. Each must be one path along the border. It begins at
-        its end of the lower X, or of the lower Y at the same X; a closed border begins at its
-        node of the largest X.
+    first
+        An edge: the name of an edge set or a node set, as "left", or "front.left" of a piece; in
+        Python also node indices, or a predicate on X. It must be one path along the border. It
+        begins at its end of the lower X, or of the lower Y at the same X; a closed border begins
+        at its node of the largest X, and goes around counter-clockwise.
+    second
+        The edge that is sewn to it, likewise.
     reverse
         Whether the second edge begins at its other end.
+    stiffness
+        0.0: both sides turn freely, as on a hinge. A number: the moment per length and angle
+        [N m/rad per m], see `SeamBending`. "cloth": the cloth's own bending goes on, as inside
+        a piece. Then the nodes of the edges must match, and one edge must be the other one,
+        moved without a turn, with the cloth on its other side.
+    angle
+        The angle of a seam with a stiffness at which it has no moment [rad].
     close
         Time [s] at which a seam is closed that is open at the start: the gap closes by
-        1 − s³ (10 − 15 s + 6 s²), s = t/close. In load steps it is the part of the loads. None:
-        it is closed at the start.
+        1 − s³ (10 − 15 s + 6 s²), s = t/close. In load steps it is the part of the loads. Its
+        work is ``work:seams`` in the energy ledger, and the largest gap along the first edge is
+        recorded as ``gap:NAME``. None: it is closed at the start.
 
     Examples
     --------
@@ -65,18 +80,34 @@ class Seam:
     first: Where
     second: Where
     reverse: bool = False
+    stiffness: float | str = 0.0
+    angle: Annotated[float, ANGLE] = 0.0
     close: Annotated[float | None, TIME] = None
 
     def __post_init__(self):
         """Raise `InputError` for wrong values."""
         flag("reverse", self.reverse, "Seam")
+        k = self.stiffness
+        if k != "cloth" and not (is_number(k) and k >= 0):
+            allowed = 'must be >= 0 N m/rad per m, or "cloth"'
+            raise InputError(f"stiffness = {k!r}", allowed, self.label)
+        if not (is_number(self.angle) and abs(self.angle) < np.pi):
+            raise InputError(f"angle = {self.angle!r}", "must be between -π and π", self.label)
         if self.close is not None and not (is_number(self.close) and self.close > 0):
-            raise InputError(f"close = {self.close!r}", "must be > 0 s, or None", "Seam")
+            raise InputError(f"close = {self.close!r}", "must be > 0 s, or None", self.label)
 
     @property
     def label(self) -> str:
         """What errors call it."""
-        return f"Seam({self.first!r}, {self.second!r})"
+        return f"Seam({brief(self.first)}, {brief(self.second)})"
+
+    def complete(self, seams: "Sequence[Seam]", cloth: Cloth, terms: tuple) -> tuple[Cloth, tuple]:
+        """Return the cloth and the terms of a system with these seams, of which this is one."""
+        for seam in seams:
+            bending = seam.bending(cloth)
+            if bending and bending not in terms:
+                terms = (*terms, bending)
+        return sewn_cloth(seams, cloth), terms
 
     def sew(self, seams: "Sequence[Seam]", cloth: Cloth, constraints: Constraints) -> Constraints:
         """Return the constraints of a cloth with all its seams, of which this is one."""
@@ -97,6 +128,44 @@ class Seam:
         if len(second.half_edges) < len(first.half_edges):
             return second, first
         return first, second
+
+    def bending(self, cloth: Cloth) -> SeamBending | None:
+        """Return the term of a seam with a number as its stiffness; None for others."""
+        k = self.stiffness
+        if isinstance(k, str) or not k:
+            return None
+        leading, _ = self.edges(cloth)
+        # the first edge is never turned: the other one is, from where it begins
+        first, second = self.first, self.second
+        if leading.where is not first:
+            first, second = second, first
+        return SeamBending(first, second, float(k), self.angle, self.reverse)
+
+    def check_start(self, system: Any, x: np.ndarray, t: float, where: str) -> None:
+        """Raise `InputError` for a seam that is open at the positions x (n, 3) of a start.
+
+        A gap up to a fifth of the shortest edge is closed at once, as between circles of chords.
+        """
+        if self.close is not None and t < self.close:
+            return
+        cloth = system.cloth
+        gap, shortest = self.gap(cloth, x)
+        if gap <= MOST_GAP * shortest:
+            return
+        turned, _ = replace(self, reverse=not self.reverse).gap(cloth, x)
+        what = f"{self.label} is open by {gap:.4g} m"
+        remedy = 'Give the time to close it, as close = "0.2 s".'
+        if turned <= MOST_GAP * shortest:
+            remedy = f"It is closed with reverse = {str(not self.reverse).lower()}."
+        raise InputError(what, "must be closed at the start", where or "Seam", remedy)
+
+    def gap(self, cloth: Cloth, x: np.ndarray) -> tuple[float, float]:
+        """Return the largest gap at x (n, 3), and the shortest edge along the seam [m]."""
+        pair = SewnPair.of(self, cloth)
+        gaps = x[pair.following.nodes] - pair.weights @ x[pair.leading.nodes]
+        both = pair.leading, pair.following
+        shortest = min(float(np.diff(edge.places).min()) * edge.length for edge in both)
+        return float(np.linalg.norm(gaps, axis=1).max()), shortest
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +208,57 @@ def sew(seams: Sequence[Seam], cloth: Cloth, constraints: Constraints) -> Constr
             nodes = np.append(pair.following.nodes, pair.leading.nodes)
             close[nodes] = np.maximum(close[nodes], pair.seam.close)
     if close.any():
-        followers = replace(followers, left=_Closing(close[followers.nodes, None]))
+        rows = {
+            _column(pair.seam): np.flatnonzero(np.isin(followers.nodes, pair.following.nodes))
+            for pair in pairs
+            if pair.seam.close
+        }
+        left = _Closing(close[followers.nodes, None])
+        followers = replace(followers, left=left, closing=rows)
     groups = {
         name: (pin, _held(name, pin, held, followers.T, cloth))
         for name, (pin, held) in constraints.groups.items()
     }
     return replace(Constraints.of(groups, cloth), followers=followers)
+
+
+def sewn_cloth(seams: Sequence[Seam], cloth: Cloth) -> SewnCloth:
+    """Return the cloth as bending and contact see it: with the plates that go on across seams.
+
+    Raises `InputError` for a seam with stiffness = "cloth" whose edges do not allow that.
+    """
+    pairs = [SewnPair.of(seam, cloth) for seam in seams]
+    meeting = [
+        (node, int(leader))
+        for pair in pairs
+        for node, leaders, _ in pair.rows()
+        for leader in leaders
+    ]
+    plates = [pair for pair in pairs if pair.seam.stiffness == "cloth"]
+    for pair in plates:
+        _check_plate(pair, cloth)
+    sewn = SewnCloth.sew(cloth, _standing(plates, len(cloth.X)), np.array(meeting))
+    joints = len(sewn.hinges.nodes) - len(cloth.hinges.nodes)
+    if joints != sum(len(pair.leading.half_edges) for pair in plates):
+        what = 'stiffness = "cloth" with the cloth on the same side of both edges'
+        raise InputError(what, "needs it on both sides", plates[0].seam.label, PLATE_REMEDY)
+    return sewn
+
+
+def _check_plate(pair: SewnPair, cloth: Cloth) -> None:
+    """Raise `InputError` unless the second edge is the first one, moved without a turn."""
+    allowed = "needs edges whose nodes match, and that are parallel"
+    matches = len(pair.leading.nodes) == len(pair.following.nodes) == pair.weights.nnz
+    if matches:
+        shift = cloth.X[pair.following.nodes] - cloth.X[pair.leading.nodes]
+        matches = bool(np.ptp(shift, axis=0).max() <= SAME_PLACE * pair.leading.length)
+    if not matches:
+        raise InputError('stiffness = "cloth"', allowed, pair.seam.label, PLATE_REMEDY)
+
+
+def _column(seam: Seam) -> str:
+    """The name of a seam in the column of its gap."""
+    return seam.first if isinstance(seam.first, str) else "seam"
 
 
 def _resolve(pairs: Sequence[SewnPair], n: int) -> sparse.csr_matrix:
@@ -193,7 +307,7 @@ def _standing(pairs: Sequence[SewnPair], n: int) -> np.ndarray:
         for node, leaders, _ in pair.rows()
         if len(leaders) == 1
     ]
-    followed, leaders = np.array(meeting).T
+    followed, leaders = np.array(meeting, np.int64).reshape(-1, 2).T
     graph = sparse.coo_matrix((np.ones(len(meeting)), (followed, leaders)), (n, n))
     count, group = connected_components(graph, directed=False)
     follows = np.isin(np.arange(n), followed)

@@ -1,7 +1,7 @@
 """Nodes that follow others along seams: the elimination x = T y."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -30,10 +30,13 @@ class SewnNodes(Followers):
     left
         left(t) → (k, 1) is the part of the gap g that is left at the time t [s], of that at the
         time 0, and its rate [1/s]; None where g = 0.
+    closing
+        By the name of a seam that closes, the rows of its nodes among `nodes`.
     """
 
     T: sparse.csr_matrix
     left: Closing | None = None
+    closing: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @cached_property
     def nodes(self) -> np.ndarray:  # type: ignore[override]  # a constant of the base class
@@ -74,6 +77,10 @@ class SewnNodes(Followers):
         closed = self.follow(y.copy())
         gap: np.ndarray = (y - closed)[self.nodes]
         return gap
+
+    def gaps(self, x: np.ndarray) -> dict[str, float]:
+        sizes = np.linalg.norm(self.gap(x), axis=1)
+        return {f"gap:{name}": float(sizes[rows].max()) for name, rows in self.closing.items()}
 
     def close(self, t: float, later: float, old: np.ndarray, x: np.ndarray, v: np.ndarray) -> None:
         self.follow(x)

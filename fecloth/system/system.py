@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy.sparse as sparse
+from scipy.sparse.linalg import SuperLU, splu
 
 from fecloth import validation
 from fecloth.compiled.team import Team
@@ -29,6 +30,7 @@ from fecloth.quantities.sameness import same
 from fecloth.system import reuse
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints, MatrixProjection
+from fecloth.system.followers import NO_FOLLOWERS
 from fecloth.system.pieces import Piece, movable_pieces
 from fecloth.system.pins import Pin
 from fecloth.system.reaction_limits import ReactionLimits
@@ -122,6 +124,8 @@ class System:
         terms = _check_list(terms, "terms", "StVK()", protocol.is_description)
         pins = _check_list(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
         seams = _check_list(seams, "seams", 'Seam("left", "right")', lambda s: hasattr(s, "sew"))
+        for seam in seams[:1]:
+            cloth, terms = seam.complete(seams, cloth, terms)
         mass = cloth.usual_mass if mass is None else mass
         _check_elements(terms, cloth.element)
         if start is not None and not (isinstance(start, State) and len(start.x) == len(cloth.X)):
@@ -417,6 +421,14 @@ class System:
         other.bound = tuple(bound)  # in place of what the cached property would bind
         return other
 
+    def loose(self) -> Self:
+        """The system with forces where they act, also on nodes that follow others."""
+        if not self.seams:
+            return self
+        other = copy.copy(self)
+        other.constraints = replace(self.constraints, followers=NO_FOLLOWERS)
+        return other
+
     def over_step(
         self, step: StepDifference, history: History | None = None, rates: bool = True
     ) -> Self:
@@ -641,6 +653,12 @@ class System:
         slides its columns are unit vectors, along `free`.
         """
         return self.constraints.admissible(len(self.cloth.X))
+
+    @cached_property
+    def free_mass(self) -> SuperLU:
+        """A factor of ZᵀMZ, with Z of `admissible`."""
+        Z = self.admissible
+        return splu((Z.T @ self.mass @ Z).tocsc())
 
     @property
     def symmetric(self) -> bool:

@@ -131,8 +131,6 @@ class BoundTerm:
         True where no rigid motion of the cloth changes the energy.
     steady_air
         Velocity (3,) [m/s] of the air, of a drag in air that moves with one constant velocity.
-    restitution
-        Part of the speed that an impact leaves, of a contact.
     keeps_tangent
         True where several Newton iterations of a step may share the tangent, because it is
         expensive and changes little within a step.
@@ -153,7 +151,6 @@ class BoundTerm:
     needs_path: Any = False
     lags: Any = False
     load_steps: Any = 1
-    restitution: Any = 0.0
     needs_end: Any = ""
     needs_difference: Any = False
     conserves: Any = False
@@ -396,6 +393,13 @@ class BoundTerm:
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for positions (n, 3) that the term does not allow."""
+
+    def touches(self, old: Any, new: Any) -> Any:
+        """The `contact.touches.Touches` at the end of a step from the `State` old to new, or None.
+
+        It is asked of the result of `over_step`: impulses then decide how fast they open.
+        """
+        return None
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
         """The least distance [m] of the cloth at x (n, 3) from an obstacle.

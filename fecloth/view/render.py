@@ -114,7 +114,7 @@ def render(
         if length := series.times[-1] - series.times[0]:
             real_time_fps = (len(frames) - 1) / length
             fps = float(np.clip(real_time_fps, SLOWEST_FPS, FASTEST_FPS))
-    quiet = _import_package("pyvista").vtk_verbosity("error")  # VTK warns without a display
+    quiet = import_package("pyvista").vtk_verbosity("error")  # VTK warns without a display
     with quiet:
         _write(target, fps, size, _draw_frames(series, frames, shot))
     return target
@@ -137,7 +137,7 @@ def _check_arguments(target: Path, size, fps, time) -> None:
         raise InputError("time", "applies only to a .png", str(target), "Omit it for a movie.")
 
 
-def _import_package(name: str):
+def import_package(name: str):
     """Return a package of the extra [view]; raise `InputError` if it is not installed."""
     import importlib
 
@@ -158,7 +158,7 @@ def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None
         with replacing(target) as part:
             _encode(part, fps, size, images)
         return
-    imageio = _import_package("imageio.v2")
+    imageio = import_package("imageio.v2")
     file = io.BytesIO()
     movie = {}
     if target.suffix == ".gif":
@@ -175,7 +175,7 @@ def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
     `size` is (w, h) in pixels. Raises OSError if ffmpeg fails: with the number of the system if
     the disk is full or the file too large, else with ffmpeg's message.
     """
-    ffmpeg = _import_package("imageio_ffmpeg").get_ffmpeg_exe()
+    ffmpeg = import_package("imageio_ffmpeg").get_ffmpeg_exe()
     width, height = size
     source = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {fps:g} -i pipe:0"
     movie = "-c:v libx264 -crf 10 -pix_fmt yuv420p -f mp4 -y"
@@ -257,7 +257,7 @@ def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np
 
     The first frame makes the meshes, and each frame moves their points.
     """
-    pyvista = _import_package("pyvista")
+    pyvista = import_package("pyvista")
     first = series.read(frames[0])
     triangles = frame_reader.straight(first.cells)
     parts = len(triangles) // len(first.cells)  # triangles drawn for each cell: 1, or 4 for P2
@@ -278,7 +278,7 @@ def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np
             frame = series.read(i)
             _update_cloth(cloth, frame, shot, parts)
             border.points = cloth.points
-            _add_obstacles(plotter, read_obstacles(series.folder, i), pyvista)
+            add_obstacles(plotter, read_obstacles(series.folder, i), pyvista)
             # Each point goes along the light until it meets the ground.
             drop = (cloth.points[:, 2:] - shot.ground) / LIGHT[2]
             shadow.points = cloth.points - drop * LIGHT
@@ -290,7 +290,7 @@ def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np
         plotter.close()
 
 
-def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
+def add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
     """Show these obstacles in place of the obstacles of the previous frame; None shows none."""
     if obstacles is None or not len(obstacles.points):
         plotter.remove_actor("obstacles")

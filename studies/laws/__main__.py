@@ -20,7 +20,7 @@ HERE = Path(__file__).parent
 G = Y / (2 * (1 + NU))
 HEAD = f"""# The laws in curves
 
-After this page you know the force of each law, stretched, compressed, sheared and bent. The command
+See the force of each law, stretched, compressed, sheared and bent. The command
 `python -m studies.laws` computes it from the terms' own forces, on a patch under one uniform
 deformation, without a border. Formula, source, validity and cost are in `help(fc.StVK)` and so on.
 

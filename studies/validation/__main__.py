@@ -43,7 +43,7 @@ ASSUMED = """\
 """
 ABOUT = """# Validation: predicted beside measured
 
-After this page you know which measurements of real cloth fecloth predicts, how well, and which it
+See which measurements of real cloth fecloth predicts, how well, and which it
 does not.
 
 `python -m studies.validation` makes this page from the numbers of [specimens](specimens.md), which

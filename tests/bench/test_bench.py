@@ -1,15 +1,19 @@
 """`fecloth bench`: its files, the quantities, and adapters that are right, wrong, or fail."""
 
 import json
+from copy import deepcopy
 
 import numpy as np
 import pytest
 
+import fecloth as fc
 from fecloth.bench import quantities
 from fecloth.bench.cases import CASES, at_level, points
 from fecloth.bench.runner import bench, load_adapter, run_level
 from fecloth.cli.main import main
 from fecloth.errors import InputError
+from studies.engines import references
+from studies.engines.fecloth_p1 import cut_clamped, make_system
 
 KEYS = {"asks", "known", "source", "static", "mesh", "x", "v", "pins", "motion", "gravity"}
 KEYS |= {"name", "loads", "fabric", "times", "quantity", "reference"}
@@ -47,7 +51,7 @@ def file(tmp_path):
 @pytest.mark.parametrize("name", CASES)
 def test_files_have_the_keys_of_the_page_and_state_a_case(name):
     said = CASES[name]
-    assert set(said) == KEYS
+    assert set(said) - {"gradients"} == KEYS
     assert set(said["fabric"]) == FABRIC
     assert set(said["reference"]) == {"value", "uncertainty", "unit", "scale"}
     assert len(said["mesh"]["sizes"]) >= 3
@@ -218,3 +222,49 @@ def test_formulas_are_of_place_and_time():
     X = np.array([[1.0, 2.0], [3.0, 4.0]])
     values = points(["X", "Y + t", "t"], X, [0.0, 0.5])
     assert values.tolist() == [[[1, 2, 0], [3, 4, 0]], [[1, 2.5, 0.5], [3, 4.5, 0.5]]]
+
+
+# --- gradients ------------------------------------------------------------------------------------
+
+GRADIENTS = [(name, key) for name, said in CASES.items() for key in said.get("gradients", ())]
+EPSILON = 1e-3
+
+
+def changed(name, key, factor):
+    """A case with another constant of its fabric, and its known value with its uncertainty."""
+    said = deepcopy(CASES[name])
+    said["fabric"][key] = (np.array(said["fabric"][key]) * factor).tolist()
+    return np.array(getattr(references, name)(said))
+
+
+@pytest.mark.parametrize(("name", "key"), GRADIENTS)
+def test_known_gradients_are_those_of_the_closed_forms(name, key):
+    difference = changed(name, key, 1 + EPSILON) - changed(name, key, 1 - EPSILON)
+    value, uncertainty = difference / (2 * EPSILON * np.max(CASES[name]["fabric"][key]))
+    stated = CASES[name]["gradients"][key]
+    assert stated["value"] == pytest.approx(value, rel=1e-6)
+    assert stated["uncertainty"] == pytest.approx(abs(uncertainty), rel=1e-2)
+
+
+@pytest.mark.parametrize("name", ["hanging", "elastica"])
+def test_sensitivity_finds_the_known_gradients(name):
+    said = CASES[name]
+    case = at_level(said, 2)
+    cloth, nodes = cut_clamped(case)
+
+    def made(**constants):
+        both = {"tensile_stiffness": lambda Y: [Y, Y]}
+        fabric = {key: both.get(key, float)(value) for key, value in constants.items()}
+        system = make_system(case | {"fabric": case["fabric"] | fabric}, fc.StVK(), cloth, nodes)
+        return cloth, system, None, system.state(case["x"][nodes])
+
+    def value(result):
+        u = np.zeros((1, *case["x"].shape))
+        u[0, nodes] = result.x - case["x"][nodes]
+        given = said["quantity"]
+        return getattr(quantities, given["name"])(case, u, **given["arguments"]).item()
+
+    starts = {key: float(np.max(said["fabric"][key])) for key in said["gradients"]}
+    found = fc.sensitivity(made, starts, value)
+    known = [said["gradients"][key]["value"] for key in starts]
+    assert found.derivative == pytest.approx(known, rel=2e-3)

@@ -331,8 +331,8 @@ def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
     assert stop.value.code == 2
     told = capsys.readouterr().err
     commands = (
-        "run, view, render, export, check, converge, compare, sweep, chart, front, stability, "
-        "sensitivity, budget, fit, simplify, tune, bench, modes, new, mesh, info"
+        "demo, run, view, render, export, check, converge, compare, sweep, chart, front, "
+        "stability, sensitivity, budget, fit, simplify, tune, bench, modes, new, mesh, info"
     )
     assert f"{wrong!r}: must be one of {commands}." in told
     assert told.strip().endswith(WRONG_COMMANDS[wrong])

@@ -58,7 +58,17 @@ def test_a_scene_compiles_what_it_names_and_nothing_else(tmp_path):
 @pytest.mark.stories
 def test_a_scene_imports_no_library_that_it_does_not_use():
     """Each of these takes 0.03 to 1 s; the scene has no mesh file, factor, picture or table."""
-    unused = ["gmsh", "meshio", "pypardiso", "pydantic", "rich", "jinja2", "pebble", "ipctk"]
+    unused = [
+        "gmsh",
+        "meshio",
+        "pypardiso",
+        "rslab",
+        "pydantic",
+        "rich",
+        "jinja2",
+        "pebble",
+        "ipctk",
+    ]
     unused += ["matplotlib", "pyvista", "imageio", "h5py", "mpi4py", "petsc4py", "distributed"]
     unused += ["scipy.optimize"]
     show = f"\nimport sys\nprint(*sys.modules.keys() & {set(unused)})"

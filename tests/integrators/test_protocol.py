@@ -67,11 +67,11 @@ def test_wrappers_hand_on_the_traits(method):
 
 def test_linear_solvers_are_linear_solvers():
     pattern = BlockPattern.union(2, [np.array([[0, 1]], dtype=np.int32)])
-    kinds = select.PCG, select.SuperLU, select.direct, select.Multigrid
+    kinds = select.PCG, select.SuperLU, select.Rslab, select.direct, select.Multigrid
     solvers = [*(kind() for kind in kinds), select.choose(pattern, True)[0]]
     for solver in solvers:
         assert not lacks(solver, LinearSolver)
-    assert [solver.keeps_state for solver in solvers] == [False, False, False, True, True]
+    assert [solver.keeps_state for solver in solvers] == [False, False, False, False, True, True]
 
 
 def test_system_reads_the_members_of_the_protocol():

@@ -6,11 +6,11 @@ from functools import cache, partial
 import numpy as np
 import pytest
 import scipy.sparse
-from support.matrices import indefinite, load, missing, relative, sheet
+from support.matrices import hide, indefinite, load, relative, sheet
 
 import fecloth as fc
 from fecloth.errors import IndefiniteMatrix, InputError
-from fecloth.linalg import direct, mkl_pardiso, multigrid, select
+from fecloth.linalg import direct, multigrid, select
 from fecloth.linalg.prices import FactorPrices, Prices
 
 # steps are coarse and meshes small by intent
@@ -51,8 +51,10 @@ def factor_prices(kind, load=700.0, analysis=250.0, factor=95.0, solve=20.0):
     return FactorPrices(load, analysis, count, factor / count, solve / count)
 
 
-def prices(**changes):
-    """Prices that no machine changes: multigrid is too dear."""
+def prices(fast=None, superlu=None, **changes):
+    """Prices that no machine changes: multigrid is too dear; `fast` is of all but SuperLU."""
+    fast = fast or factor_prices("direct")
+    superlu = superlu or factor_prices("superlu", load=0.0, analysis=0.0, factor=800.0)
     least = Prices(
         tangent=8.0,
         residual=1.0,
@@ -60,8 +62,7 @@ def prices(**changes):
         coarse=300.0,
         refill=2.0,
         cycle=200.0,
-        pardiso=factor_prices("direct"),
-        superlu=factor_prices("superlu", load=0.0, analysis=0.0, factor=800.0),
+        factors={"pardiso": fast, "rslab": fast, "superlu": superlu},
     )
     return replace(least, **changes)
 
@@ -115,7 +116,7 @@ def test_auto_counts_what_a_pattern_costs_that_changes(changes):
     assert names[-20:] == ["pcg" if changes else names[0]] * 20
 
 
-@pytest.mark.parametrize("kind", ["direct", "superlu", "multigrid"])
+@pytest.mark.parametrize("kind", ["direct", "rslab", "superlu", "multigrid"])
 def test_an_equal_pattern_is_analysed_once(kind, monkeypatch):
     solver, b, made, open_ = select.create(kind), load(hard()), [], []
 
@@ -171,7 +172,7 @@ def reusing_steps(solver, A, count):
 def test_auto_uses_a_factorisation_that_serves_many_steps(load, changes, monkeypatch):
     """In a linear problem one factor serves all steps: cheaper than 89 iterations each."""
     monkeypatch.setattr(select, "DECAY", 0.95)
-    names = reusing_steps(auto(pardiso=factor_prices("direct", load=load)), middle(), 80)
+    names = reusing_steps(auto(fast=factor_prices("direct", load=load)), middle(), 80)
     assert names[0] == "pcg"
     assert (names[-30:] == [select.direct().name] * 30) == changes
     assert (set(names) == {"pcg"}) != changes
@@ -180,7 +181,7 @@ def test_auto_uses_a_factorisation_that_serves_many_steps(load, changes, monkeyp
 def solves_before_factors(analysis, solve):
     """Solves of 98 iterations and tangents, before a factorisation is tried."""
     few = factor_prices("direct", load=0.0, analysis=analysis, factor=0.0, solve=solve)
-    return steps(auto(pardiso=few), middle(), 80).index(select.direct().name)
+    return steps(auto(fast=few), middle(), 80).index(select.direct().name)
 
 
 def test_auto_spreads_a_set_up_over_the_solves_so_far():
@@ -222,7 +223,7 @@ def test_the_work_of_multigrid_and_of_a_factorisation_is_estimated():
 def test_auto_does_not_judge_a_factorisation_by_its_first_factor():
     """A factor and a solve cost more than an average solve of conjugate gradients."""
     dear = factor_prices("direct", load=0.0, analysis=0.0, factor=100.0, solve=5.0)
-    names = reusing_steps(auto(pardiso=dear), middle(), 10)
+    names = reusing_steps(auto(fast=dear), middle(), 10)
     assert names == ["pcg"] + [select.direct().name] * 9
 
 
@@ -233,7 +234,7 @@ def test_auto_gives_a_solve_up_after_twice_the_work_of_another(monkeypatch):
         select.PCG, "solve", lambda self, *a: allowed.append(self.max_iterations) or solve(self, *a)
     )
     sure = factor_prices("direct", load=0.0, analysis=0.0, factor=0.0, solve=56.0)
-    steps(auto(pardiso=sure), hard(), 1)
+    steps(auto(fast=sure), hard(), 1)
     assert allowed == [pytest.approx(2 * (0.45 * 8 + 1 + 56), abs=1)]
 
 
@@ -283,10 +284,10 @@ def test_auto_indefinite_matrix_is_rejected():
     assert solver.name == "pcg"
 
 
-def test_auto_without_pardiso_counts_the_price_of_superlu(monkeypatch):
+def test_auto_counts_the_price_of_superlu_where_there_is_no_other(monkeypatch):
     """With PARDISO 270 iterations are too many, with SuperLU they are not."""
-    monkeypatch.setattr(mkl_pardiso, "routine", missing)
-    assert steps(auto(), hard(), 3) == ["superlu", "pcg", "pcg"]
+    hide(monkeypatch, "pypardiso", "rslab")
+    assert steps(auto(), hard(), 3) == ["pcg"] * 3
     cheap = factor_prices("superlu", load=0.0, analysis=0.0)
     assert steps(auto(superlu=cheap), hard(), 3) == ["superlu"] * 3
 
@@ -335,17 +336,17 @@ def test_auto_factorises_where_multigrid_takes_too_long(dearer, leaves):
     ("dearer", "last"),
     [
         ({}, "direct"),
-        ({"pardiso": {"factor": 1000.0}}, "pcg"),
-        ({"pardiso": {"solve": 1000.0}}, "pcg"),
-        ({"pardiso": {"analysis": 1e5}}, "pcg"),
-        ({"pardiso": {"load": 1e5}}, "pcg"),
+        ({"fast": {"factor": 1000.0}}, "pcg"),
+        ({"fast": {"solve": 1000.0}}, "pcg"),
+        ({"fast": {"analysis": 1e5}}, "pcg"),
+        ({"fast": {"load": 1e5}}, "pcg"),
         ({"residual": 1e4}, "pcg"),  # of all solvers: little remains to be gained
     ],
 )
 def test_auto_leaves_a_factorisation_whose_price_rises(dearer, last):
     """270 iterations of conjugate gradients against a factor and a solve."""
     changed = {
-        name: factor_prices("direct", **value) if name == "pardiso" else value
+        name: factor_prices("direct", **value) if name == "fast" else value
         for name, value in dearer.items()
     }
     expected = select.direct().name if last == "direct" else last

@@ -1,4 +1,4 @@
-"""PARDISO and SuperLU: analysis, pivots, refinement, memory."""
+"""PARDISO, rslab and SuperLU: analysis, pivots, refinement, memory."""
 
 import gc
 import os
@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from support.matrices import difference, load, needs_pardiso, relative, sheet
 
+from fecloth.compiled.team import Team
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg import direct, mkl_pardiso, select
+from fecloth.linalg.block_matrix import BlockMatrix
 
 pardiso = pytest.param("pardiso", marks=needs_pardiso)
 
 
-@pytest.mark.parametrize("name", [pardiso, "superlu"])
+@pytest.mark.parametrize("name", [pardiso, "rslab", "superlu"])
 def test_prepare_with_the_same_pattern_reuses_the_analysis(name, monkeypatch):
     built = []
 
@@ -36,7 +38,8 @@ def test_prepare_with_the_same_pattern_reuses_the_analysis(name, monkeypatch):
     assert sum(built) == 2
 
 
-def test_superlu_zero_pivot_is_indefinite():
+@pytest.mark.parametrize("kind", [select.Rslab, select.SuperLU])
+def test_a_pivot_of_zero_is_indefinite(kind):
     A = sheet()
     i = A.pattern.diagonal[0]
     A.values[i] = [[0, 1, 0], [1, 0, 0], [0, 0, 1]]
@@ -44,7 +47,7 @@ def test_superlu_zero_pivot_is_indefinite():
     others[i] = False
     A.values[others] = 0
     with pytest.raises(IndefiniteMatrix):
-        select.SuperLU().prepare(A)
+        kind().prepare(A)
 
 
 def test_solve_accepts_a_residual_of_round_off_and_reports_it():
@@ -70,6 +73,17 @@ def test_refinement_corrects_a_poor_factor(monkeypatch):
     monkeypatch.setattr(solver, "_apply", lambda b: exact(b) * 1.5)
     with pytest.raises(SolveFailed, match=r"relative residual 1.25e-01, required 1.00e-10"):
         solver.solve(load(A), rtol=1e-10)
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_threads_change_no_bit_of_rslab(symmetric):
+    A = sheet(m=60)
+    x = []
+    for count in (1, 2):
+        solver = select.Rslab(symmetric)
+        solver.prepare(BlockMatrix(A.pattern, A.values, Team(count)))
+        x.append(solver.solve(load(A))[0])
+    np.testing.assert_array_equal(*x)
 
 
 @needs_pardiso

@@ -8,9 +8,9 @@ import pytest
 from support.matrices import (
     HAS_PARDISO,
     difference,
+    hide,
     indefinite,
     load,
-    missing,
     needs_pardiso,
     reference,
     relative,
@@ -18,16 +18,18 @@ from support.matrices import (
 )
 
 from fecloth.errors import IndefiniteMatrix, InputError, SolveFailed
-from fecloth.linalg import mkl_pardiso, select
+from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.prices import Prices
 
 pardiso = pytest.param("pardiso", marks=needs_pardiso)
-SYMMETRIC = [pardiso, "superlu", "pcg", "multigrid"]
-GENERAL = [pardiso, "superlu"]
+SYMMETRIC = [pardiso, "rslab", "superlu", "pcg", "multigrid"]
+GENERAL = [pardiso, "rslab", "superlu"]
 BOTH = [
     pytest.param("pardiso", True, marks=needs_pardiso),
     pytest.param("pardiso", False, marks=needs_pardiso),
+    ("rslab", True),
+    ("rslab", False),
     ("superlu", True),
     ("superlu", False),
     ("pcg", True),
@@ -210,19 +212,22 @@ def test_solve_after_a_failed_prepare_is_rejected(name):
 
 
 def test_named_unknown_or_unsuitable_solver_is_rejected(monkeypatch):
-    with pytest.raises(InputError, match="direct, pardiso, superlu, pcg, multigrid"):
+    with pytest.raises(InputError, match="direct, pardiso, rslab, superlu, pcg, multigrid"):
         select.create("mumps", True)
     with pytest.raises(InputError, match="symmetric matrices only"):
         select.create("pcg", symmetric=False)
-    monkeypatch.setattr(mkl_pardiso, "routine", missing)
-    with pytest.raises(InputError, match=r"no MKL.*pip install pypardiso"):
-        select.create("pardiso", True)
+    hide(monkeypatch, "pypardiso", "rslab")
+    for name, package in (("pardiso", "pypardiso"), ("rslab", "rslab")):
+        with pytest.raises(InputError, match=f"cannot be loaded.*pip install {package}"):
+            select.create(name, True)
 
 
-def test_direct_falls_back_to_superlu(monkeypatch):
-    assert select.direct().name == ("pardiso" if HAS_PARDISO else "superlu")
-    monkeypatch.setattr(mkl_pardiso, "routine", missing)
-    assert select.direct().name == "superlu"
+def test_direct_is_the_fastest_that_is_installed(monkeypatch):
+    assert select.direct().name == select.expected() == ("pardiso" if HAS_PARDISO else "rslab")
+    hide(monkeypatch, "pypardiso")
+    assert select.direct().name == select.expected() == "rslab"
+    hide(monkeypatch, "rslab")
+    assert select.direct().name == select.expected() == "superlu"
     assert select.create("direct", False).name == "superlu"
     assert not select.direct(symmetric=False).symmetric
 
@@ -232,8 +237,9 @@ def test_choose_states_what_a_factorisation_costs():
     solver, reason = select.choose(pattern, True)
     assert solver.name == "pcg"
     prices = Prices.of(pattern)
-    factor = prices.tangent + prices.pardiso.factor * prices.pardiso.entries
-    costs = 0.45 * factor + prices.pardiso.solve * prices.pardiso.entries + prices.residual
+    solve = prices.factors[select.expected()]
+    factor = prices.tangent + solve.factor * solve.entries
+    costs = 0.45 * factor + solve.solve * solve.entries + prices.residual
     assert reason == f"at first; a factor and a solve cost about as much as {costs:.0f} iterations"
     general, reason = select.choose(pattern, False)
     assert general.name == select.direct().name
@@ -241,7 +247,7 @@ def test_choose_states_what_a_factorisation_costs():
     assert "not symmetric" in reason
 
 
-def test_import_does_not_load_the_mkl():
-    code = "import sys, fecloth.linalg.select; print('pypardiso' in sys.modules)"
+def test_import_loads_no_library():
+    code = "import sys, fecloth.linalg.select; print({'pypardiso', 'rslab'} & sys.modules.keys())"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "False"
+    assert run.stdout.strip() == "set()"

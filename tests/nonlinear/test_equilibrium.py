@@ -355,11 +355,12 @@ def test_the_solution_starts_solved(isotropic):
         np.testing.assert_array_equal(again.x, found.x)
 
 
-def test_superlu_finds_the_same(isotropic):
+@pytest.mark.parametrize("other", ["rslab", "superlu"])
+def test_other_factors_find_the_same(isotropic, other):
     cloth = fc.Cloth.disk(0.5, 0.1)
     system = fc.System(cloth, isotropic, [fc.StVK(), DOWN], pins=["boundary"])
-    one, other = (solved(system, system.rest(), solver=name)[0] for name in ("direct", "superlu"))
-    np.testing.assert_allclose(one.x, other.x, atol=1e-8)
+    x = [solved(system, system.rest(), solver=name)[0].x for name in ("direct", other)]
+    np.testing.assert_allclose(*x, atol=1e-8)
 
 
 # --- what has no equilibrium ----------------------------------------------------------------------

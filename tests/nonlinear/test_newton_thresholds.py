@@ -262,7 +262,7 @@ def test_the_error_left_may_be_a_twentieth_of_the_estimated_error_in_time(part, 
     assert left.to_go(left.error) == pytest.approx(1 / part)
 
 
-@pytest.mark.parametrize(("name", "price"), [("pardiso", 5.0), ("superlu", 20.0)])
+@pytest.mark.parametrize(("name", "price"), [("pardiso", 5.0), ("rslab", 7.0), ("superlu", 20.0)])
 @pytest.mark.parametrize(("part", "kept"), [(0.8, True), (1.25, False)])
 def test_a_factor_is_kept_while_fewer_solves_are_left_than_a_new_one_costs(name, price, part, kept):
     reuse, linear = FactorReuse(), SimpleNamespace(name=name, prepared=1)

@@ -6,9 +6,9 @@ import time
 
 import numpy as np
 import pytest
+from support.matrices import hide
 
 import fecloth as fc
-from fecloth.linalg import mkl_pardiso
 from fecloth.linalg.prices import StepPrices
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation import method_choice
@@ -89,17 +89,13 @@ def test_the_choice_depends_on_no_clock(monkeypatch, case):
 
 
 @pytest.mark.parametrize("linear", ["auto", "superlu", "pcg"])
-def test_the_choice_is_the_same_without_pardiso(monkeypatch, linear):
+def test_the_choice_is_the_same_without_other_packages(monkeypatch, linear):
     system, state = sheet(damping=0.02)
     expected = resolve(system, fc.Auto(), state, 1.0)
-    monkeypatch.setattr(mkl_pardiso, "routine", absent)
+    hide(monkeypatch, "pypardiso", "rslab")
     method, _, why = resolve(system, fc.Auto(), state, 1.0, linear)
     assert method == expected[0]
     assert why.partition("(predicted")[2] == expected[2].partition("(predicted")[2] != ""
-
-
-def absent():
-    raise ImportError("no MKL")
 
 
 def test_a_trial_ends_where_it_takes_more_than_its_part_of_the_other_run(monkeypatch):

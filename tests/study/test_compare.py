@@ -177,8 +177,14 @@ def test_a_refused_variant_has_a_row_with_its_reason_and_the_others_run(scene, v
 def test_other_keys_of_another_term(scene):
     found = fc.study.compare(scene, "terms.0.type=StVK,Springs")
     assert list(found.differences) == ["Springs"]  # whose keys are not those of StVK
-    texts = {text.get_text() for text in found.figure().axes[0].texts}
-    assert texts == {"StVK", "Springs"}
+    values, errors = found.figure().axes
+    assert {text.get_text() for text in values.texts} == {"StVK", "Springs"}
+    lines = {line.get_label(): line.get_xydata() for line in errors.lines}
+    for name, study in found.studies.items():
+        rows = [(row["h"], row["error"]) for row in study.table if row["error"]]
+        assert lines[name].tolist() == np.array(rows).tolist()
+    (h, error), *_, (finest, on_slope) = lines["order 2"]
+    assert on_slope == pytest.approx(error * (finest / h) ** 2)
 
 
 def test_a_variant_that_fails_on_a_finer_level_has_the_cause_of_that_level():

@@ -30,6 +30,7 @@ SECTIONS = {
     "[[cloth.grading]]": (GradingTable,),
     "[fabric]": (FabricTable,),
     "[[pins]]": (placement.PinTable, placement.RotationTable),
+    "[[seams]]": (tables.SeamTable,),
     "[start]": (placement.Start, placement.Rotation),
     "[time]": (schedule.Time,),
     "[equilibrium]": (schedule.EquilibriumTable,),

@@ -1,11 +1,15 @@
 """Matrices of 3×3 blocks, loads and solutions for the tests of the linear solvers."""
 
+import sys
+from functools import cache, partial
+from importlib import import_module
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
+from fecloth.linalg import mkl_pardiso
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
 HAS_PARDISO = find_spec("pypardiso") is not None
@@ -68,6 +72,9 @@ def indefinite(kind):
     return A
 
 
-def missing():
-    """In place of `mkl.routine`: a machine without the MKL."""
-    raise ImportError("no MKL here")
+def hide(monkeypatch, *packages):
+    """As on a machine where these packages of direct solvers are not installed."""
+    for name in packages:
+        monkeypatch.setitem(sys.modules, name, None)
+    if "pypardiso" in packages:  # it may be loaded already
+        monkeypatch.setattr(mkl_pardiso, "routine", cache(partial(import_module, "pypardiso")))

@@ -9,6 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 NAMES = (
     "README.md",
+    "docs/first_steps.md",
     "CONTRIBUTING.md",
     "CHANGELOG.md",
     "meshes/README.md",

@@ -1,7 +1,7 @@
-"""Commands with what they answer and their exit status, as `tests/messages/*.txt` have them.
+"""What is answered to wrong commands and calls, as `tests/messages/*.txt` have it.
 
-A block is a command, its answer and its status; an empty line ends it. Nothing but this command
-writes the answers anew; read their difference before you commit it:
+A block is a command, its answer and its status, or a call and its error; an empty line ends it.
+Nothing but this command writes the answers anew; read their difference before you commit it:
 
     python tests/support/transcripts.py
 """
@@ -9,39 +9,65 @@ writes the answers anew; read their difference before you commit it:
 import contextlib
 import io
 import os
+import re
 import shlex
 import shutil
+import sys
 import tempfile
+import warnings
 from pathlib import Path
 
+import fecloth as fc
 from fecloth.cli.main import main
 
 FOLDER = Path(__file__).parents[1] / "messages"
 
 
 def blocks(name: str) -> list[tuple[str, str]]:
-    """Each command of a transcript, and its answer with the exit status."""
+    """Each command or call of a text, and what it answers."""
     text = (FOLDER / name).read_text(encoding="utf-8")
     return [tuple(block.split("\n", 1)) for block in text.strip().split("\n\n")]
 
 
-def answer(command: str) -> str:
-    """What a command says on both streams, and its exit status; called in the folder of a scene."""
+def answer(asked: str) -> str:
+    """What a command says on both streams and its exit status, or the words of a call's error.
+
+    A command is given in the folder of its scene.
+    """
+    if asked.startswith(">>> "):
+        return words(refusal(asked))
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        status = main(shlex.split(command)[2:])  # without "$ fecloth"
-    words = said.getvalue().replace(os.getcwd(), "FOLDER")
-    return f"{words}exit {status}"
+        status = main(shlex.split(asked)[2:])  # without "$ fecloth"
+    return f"{said.getvalue().replace(os.getcwd(), 'FOLDER')}exit {status}"
 
 
-def write(name: str) -> None:
-    """Write all answers of a transcript anew."""
+def refusal(call: str) -> fc.InputError:
+    """The error that a call ``>>> …`` raises."""
+    from support import wrong_calls
+
+    try:
+        eval(call.removeprefix(">>> "), vars(wrong_calls))
+    except fc.InputError as error:
+        return error
+    raise AssertionError(f"{call} is not refused")
+
+
+def words(error: fc.InputError) -> str:
+    """The message of an error, without addresses in memory."""
+    return re.sub("0x[0-9a-f]+", "0x…", str(error))
+
+
+def write(path: Path) -> None:
+    """Write all answers of a text anew."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         shutil.copy(FOLDER / "scene.toml", "scene.toml")
-        made = [f"{command}\n{answer(command)}\n" for command, _ in blocks(name)]
-    (FOLDER / name).write_text("\n".join(made), encoding="utf-8")
+        made = [f"{asked}\n{answer(asked)}\n" for asked, _ in blocks(path.name)]
+    path.write_text("\n".join(made), encoding="utf-8")
 
 
 if __name__ == "__main__":
+    sys.path.insert(0, str(FOLDER.parent))
+    warnings.simplefilter("ignore")  # of the wrong values themselves
     for path in sorted(FOLDER.glob("*.txt")):
-        write(path.name)
+        write(path)

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from support.messages import message_test
 from support.plates import square
 from support.tiers import stories_except
 
@@ -236,16 +235,3 @@ def test_an_error_above_a_half_is_not_resolved():
     noise = np.random.default_rng(0).normal(0, 0.01, cloth.X.shape)
     x = np.column_stack([cloth.X + noise, np.zeros(len(noise))])
     assert error_of(fc.StVK(), x=x, cloth=cloth).reason.startswith("it is above 50 %")
-
-
-test_messages = message_test(
-    [
-        (
-            lambda: fc.space_error(
-                fc.System(square("right", 2), PLATE, [fc.StVK()]),
-                fc.System(square("right", 3), PLATE, [fc.StVK()]).rest(),
-            ),
-            "space_error",
-        ),
-    ]
-)

@@ -112,7 +112,13 @@ def own_or_not(h, model="StVK"):
 @pytest.mark.stories
 def test_chart_of_a_function_has_its_models():
     found = fc.study.chart(
-        *(own_or_not, "tip.x"), models=["Rubber", "StVK"], h=0.25, probes=TIP, meshes=1, t_end=0.02
+        *(own_or_not, "tip.z"),
+        models=["Rubber", "StVK"],
+        h=0.25,
+        probes=TIP,
+        meshes=1,
+        t_end=0.02,
+        seconds=25,
     )
     assert set(found.table["model"]) == {"Rubber", "StVK"}
 

@@ -1,4 +1,4 @@
-"""Every term gives the same bits on one, two and three threads."""
+"""Every term gives the same bits on one and on three threads."""
 
 import numpy as np
 import pytest
@@ -81,7 +81,6 @@ def over_steps(bound, start):
 @pytest.mark.parametrize(("element", "name"), GRID)
 def test_the_bits_do_not_depend_on_the_threads(cloths, element, name):
     term = (BOTH | P1)[name]
-    one, *others = (evaluate(cloths[element], term, threads) for threads in (1, 2, 3))
-    for found in others:
-        for a, b in zip(one, found, strict=True):
-            assert np.array_equal(a, b, equal_nan=True)
+    one, three = (evaluate(cloths[element], term, threads) for threads in (1, 3))
+    for a, b in zip(one, three, strict=True):
+        assert np.array_equal(a, b, equal_nan=True)

@@ -26,6 +26,7 @@ OF_EQUILIBRIA: tuple[Check, ...] = (
     terms.find_gravity_upwards,
     terms.find_cutting_edges,
     pins.find_idle_pins,
+    course.find_slow_factors,
 )
 OF_RUNS: tuple[Check, ...] = (  # in the order of the warnings
     *OF_EQUILIBRIA,

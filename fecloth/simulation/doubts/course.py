@@ -8,6 +8,8 @@ import numpy as np
 from fecloth.integrators.bdf2 import BDF2
 from fecloth.integrators.energy_momentum import EnergyMomentum
 from fecloth.integrators.newmark import GeneralizedAlpha
+from fecloth.linalg import select
+from fecloth.linalg.prices import Prices
 from fecloth.simulation import dimensionless
 from fecloth.simulation.dimensionless import distance_from_pins, gravity_magnitude
 from fecloth.simulation.doubts.accepted import accepts_method, accepts_term, join_accepted
@@ -34,6 +36,7 @@ LARGEST_STRAIN = 0.2
 FAST_STEP = 20.0  # dt over the explicit limit; beyond, fast waves were seen to gain energy
 LEAST_LOSS = 0.01  # part of the amplitude that damping must take from fast waves in a step
 SHORT_STEP = 0.01  # dt over the explicit limit; an implicit method pays only for longer steps
+SLOW_FACTOR = 2.0  # times as long; below, another package is not worth a line
 LARGEST_LOSS = 0.1  # part of the amplitude that a method may take in one swing: it can be seen
 
 
@@ -161,6 +164,18 @@ def find_short_steps(run: PlannedRun) -> Iterator[Doubt]:
         )
         remedy = f"If you meant ms, write {1000 * dt:g}; without dt the error determines it"
         yield Doubt(DoubtKind.STEP, words, remedy)
+
+
+def find_slow_factors(run: PlannedRun) -> Iterator[Doubt]:
+    """Yield a doubt if SciPy factorises the matrices of the run, as no faster package is there."""
+    if run.method.traits.explicit or select.expected() != "superlu":
+        return
+    factors = Prices.of(run.system.pattern).factors
+    work = {name: prices.factor * prices.entries for name, prices in factors.items()}
+    ratio = work["superlu"] / work["rslab"]
+    if ratio >= SLOW_FACTOR:
+        words = f"a factor by SuperLU takes about {ratio:.0f} times as long as by rslab"
+        yield Doubt(DoubtKind.SPEED, words, "pip install rslab")
 
 
 def find_step_beyond_end(run: PlannedRun) -> Iterator[Doubt]:

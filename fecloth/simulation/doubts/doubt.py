@@ -32,6 +32,8 @@ class DoubtKind(Enum):
         A constant that was given has no effect.
     PINS
         A pin holds or moves less than was probably meant, or nothing is held.
+    SPEED
+        The run takes longer than it would with a package that can be installed.
     START
         The start does not fit the pins, or leaves the cloth in its plane.
     MESH
@@ -56,8 +58,6 @@ class DoubtKind(Enum):
         The error in time is large.
     ROUND_OFF
         Round-off limited Newton's iteration.
-    BOUNCE
-        The steps do not resolve a bounce.
     CURVE
         Strains are beyond the last point of a measured curve.
     INTERSECTION
@@ -79,6 +79,7 @@ class DoubtKind(Enum):
     NO_EFFECT = "no_effect", CHECK
     PINS = "pins", CHECK
     STEP = "step", CHECK
+    SPEED = "speed", CHECK
     START = "start", NOTE
     MESH = "mesh", NOTE
     EDGES = "edges", NOTE
@@ -91,7 +92,6 @@ class DoubtKind(Enum):
     GAIN = "gain", WARNING
     MOTION = "motion", WARNING
     TIME = "time", WARNING
-    BOUNCE = "bounce", WARNING
     CURVE = "curve", WARNING
     INTERSECTION = "intersection", WARNING
     INSTABILITY = "instability", WARNING

@@ -44,12 +44,6 @@ def curvature(s: np.ndarray) -> np.ndarray:
         return np.where(s > 0, ((s - 1) / s) ** 2 - 4 * (s - 1) / s - 2 * np.log(s), np.nan)
 
 
-def integral(s: np.ndarray) -> np.ndarray:
-    """∫ b ds from 0 to s, for s > 0."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return s**3 / 9 - s**2 / 2 + s - (s**3 / 3 - s**2 + s) * np.log(s)
-
-
 def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness) -> None:
     """Raise `InputError` for a gap, friction or stiffness out of its range."""
     validation.positive("gap", gap, "m", where)
@@ -59,21 +53,10 @@ def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness)
         raise InputError(f"stiffness = {stiffness!r}", allowed, where)
 
 
-def check_restitution(where: str, restitution: float, of_pairs: bool = False) -> None:
-    """Raise `InputError` for a restitution outside of 0 … 1.
-
-    A contact between triangles (`of_pairs`) can have 0 or 1 only. Its pairs are known at the
-    begin of a step, so that damping can act while they move apart, but not while they come
-    nearer (see `retreat`).
-    """
-    is_in_range = is_number(restitution) and 0.0 <= restitution <= 1.0
-    if not is_in_range or (of_pairs and 0.0 < restitution < 1.0):
-        allowed = "must be a number in 0 … 1"
-        remedy = ""
-        if of_pairs:
-            allowed = "must be 0 or 1"
-            remedy = "Between them only an Obstacle that is not thin has a law."
-        raise InputError(f"restitution = {restitution!r}", allowed, where, remedy)
+def check_restitution(where: str, restitution: float) -> None:
+    """Raise `InputError` for a restitution outside of 0 … 1."""
+    if not (is_number(restitution) and 0.0 <= restitution <= 1.0):
+        raise InputError(f"restitution = {restitution!r}", "must be a number in 0 … 1", where)
 
 
 def stiffness_of(stiffness: Stiffness, panel: Panel, gap: float) -> float:

@@ -17,6 +17,7 @@ import scipy.sparse as sparse
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.contact.friction import Sliding
 from fecloth.terms.contact.guess import Way
+from fecloth.terms.contact.touches import Touches
 from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
@@ -39,16 +40,12 @@ class Touched:
         Time at its begin [s].
     dt
         Its size [s].
-    speeds
-        With a restitution between 0 and 1, for each kind of points of an obstacle, the speeds
-        (p,) [m/s] with which they came nearer when they first touched; huge where unknown.
     """
 
     place: np.ndarray
     start: np.ndarray
     begin: float
     dt: float
-    speeds: tuple[np.ndarray, ...] = ()
 
 
 class BoundContact(BoundTerm):
@@ -69,7 +66,7 @@ class BoundContact(BoundTerm):
     friction: float
     gap: float
     body: Any
-    restitution: Any = 1.0
+    restitution: float
 
     has_energy = True
     stores_strain = False
@@ -79,15 +76,9 @@ class BoundContact(BoundTerm):
     def velocity_dependent(self) -> bool:
         return self.friction > 0.0
 
-    @property
-    def dissipative(self) -> bool:
-        return self.friction > 0.0 or self.restitution < 1.0
-
-    @property
-    def needs_path(self) -> bool:
-        return self.friction > 0.0
-
-    lags = needs_path
+    dissipative = velocity_dependent
+    needs_path = velocity_dependent
+    lags = velocity_dependent
 
     @property
     def supplies(self) -> bool:
@@ -96,21 +87,12 @@ class BoundContact(BoundTerm):
 
     # --- what a subclass has ------------------------------------------------------------------
 
-    def over(self, moved: Touched) -> BoundContact:
-        """The contact over a step, in which it dissipates what an impact takes."""
-        return self
+    def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
+        """What it touches at the end of a step of time from the `State` old to new.
 
-    def lost(self, x: np.ndarray, t: float) -> float:
-        """Energy [J] that it has dissipated over a step that ends at x, without friction."""
-        return 0.0
-
-    def speeds(self, x: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
-        """`Touched.speeds` after a step that ends at x."""
-        return ()
-
-    def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
-        """The largest speed [m/s] with which a part enters the gap, from the `State` old to x."""
-        return 0.0
+        `h` is `StepDifference.h` [s]: over the step the barrier has given h times its force.
+        """
+        raise NotImplementedError
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[Sliding]:
         """What slides at the positions x (n, 3) and the time t.
@@ -208,11 +190,11 @@ class BoundContact(BoundTerm):
     @property
     def keeps_history(self) -> bool:
         """Whether a step depends on the step before."""
-        return self.friction > 0.0 or 0.0 < self.restitution < 1.0
+        return self.friction > 0.0
 
     def start_history(self, x: np.ndarray, t: float) -> Touched | None:
         if self.keeps_history:
-            return Touched(place=x, start=x, begin=t, dt=1.0, speeds=self.speeds(x, t))
+            return Touched(place=x, start=x, begin=t, dt=1.0)
         return None
 
     def over_step(self, step: StepDifference) -> BoundTerm:
@@ -223,11 +205,9 @@ class BoundContact(BoundTerm):
 class ContactOverStep(BoundTerm):
     """A contact over a step that ends at x; friction has the potential h Σ μ λ f₀(y).
 
-    The damping of the barrier has a potential, too: see `restitution`.
-
     λ and the directions of sliding are taken at the end of the last step, if that was
     committed. The velocity is the method's difference. Over an `Increment` of the loads it is
-    the way over the increment, divided by its size, and the barrier does not dissipate.
+    the way over the increment, divided by its size.
     """
 
     contact: BoundContact
@@ -251,37 +231,17 @@ class ContactOverStep(BoundTerm):
         t = self.step.t
         if self.step.history:
             return self.step.history
-        speeds = self.contact.speeds(start, t)
-        # Start and end are the same, so that any dt gives the speed 0.
-        return Touched(place=start, start=start, begin=t, dt=1.0, speeds=speeds)
-
-    @cached_property
-    def acting(self) -> BoundContact:
-        """The contact as it acts over this step: where it dissipates, with the step's data."""
-        step = self.step
-        if step.increment:  # an increment of the loads has no speeds, and so no damping
-            return self.contact
-        moved = Touched(
-            place=step.start,
-            start=step.start,
-            begin=step.t,
-            dt=step.dt,
-            speeds=self.last.speeds,
-        )
-        return self.contact.over(moved)
+        return Touched(place=start, start=start, begin=t, dt=1.0)
 
     def commit(self, x: np.ndarray, t: float) -> Touched | None:
         """Return the record of this step, which ends at x and t; None if none is needed."""
         if not self.contact.keeps_history:
             return None
         step = self.step
-        return Touched(
-            place=x,
-            start=step.start,
-            begin=step.t,
-            dt=step.dt,
-            speeds=self.acting.speeds(x, t),
-        )
+        return Touched(place=x, start=step.start, begin=step.t, dt=step.dt)
+
+    def touches(self, old: Any, new: Any) -> Touches | None:
+        return self.contact.find_touches(old, new, self.step.h)
 
     @cached_property
     def sliding(self) -> Sequence[Sliding]:
@@ -296,9 +256,7 @@ class ContactOverStep(BoundTerm):
         step = self.step
         end = self.end
         if not step.increment:
-            # The normal forces at the end of the last step include its damping.
-            contact = self.contact.over(self.last)
-            return contact.lag(self.last.place, step.t, dt=step.dt)
+            return self.contact.lag(self.last.place, step.t, dt=step.dt)
         if step.increment.place is None:
             return self.contact.lag(step.start, step.t, dt=end - step.t)
         # Seen from the end, the increment is passed backwards: dt < 0.
@@ -318,28 +276,28 @@ class ContactOverStep(BoundTerm):
 
     def energy(self, x, t) -> float:
         """The energy of the barrier, and h Σ μ λ f₀(y) [J]."""
-        energy = self.acting.energy(x, t)
+        energy: float = self.contact.energy(x, t)
         for sliding, w in self.rubbing(x):
             energy += self.step.h * sliding.rate(w)
         return energy
 
     def add_force(self, x, v, t, f) -> None:
         """f += the force of the barrier at rest, and −μ λ f₁(y)/y w [N]."""
-        self.acting.add_forces(x, t, self.rubbing(x), f)
+        self.contact.add_forces(x, t, self.rubbing(x), f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; the part of friction is positive semi-definite."""
         weight = wx / self.step.h
-        self.acting.add_tangents(x, t, wx, self.rubbing(x), weight, J, definite)
+        self.contact.add_tangents(x, t, wx, self.rubbing(x), weight, J, definite)
 
     def coupling(self, x, v, t, wx, wv, definite):
         weight = wx / self.step.h
-        return self.acting.couplings(x, t, wx, self.rubbing(x), weight, definite)
+        return self.contact.couplings(x, t, wx, self.rubbing(x), weight, definite)
 
     def dissipation(self, x: np.ndarray) -> float:
-        """Return the energy [J] that friction and damping dissipate in a step that ends at x.
+        """Return the energy [J] that friction dissipates in a step that ends at x.
 
-        Friction dissipates dt Σ μ λ f₁(y) y, with the mean velocity over the step.
+        It is dt Σ μ λ f₁(y) y, with the mean velocity over the step.
         """
         power = 0.0
         start = self.step.start
@@ -347,7 +305,7 @@ class ContactOverStep(BoundTerm):
         for sliding in self.sliding:
             way = sliding.values(x) - sliding.values(start)
             power += sliding.power(sliding.slip(way / dt))
-        return dt * power + self.acting.lost(x, self.end)
+        return dt * power
 
     def work(self, x: np.ndarray) -> float:
         """Return the work [J] of the body on the cloth over the step; 0 without a body.
@@ -364,7 +322,7 @@ class ContactOverStep(BoundTerm):
         f = np.zeros_like(x)
         self.add_force(x, start, t, f)  # its second argument, the velocity, is not used
         carried_way = contact.body.pose(t).to_space(begin_in_body) - start
-        work_of_shape = self.acting.work_of_shape(begin_in_body, x, before=self.step.t, t=t)
+        work_of_shape = contact.work_of_shape(begin_in_body, x, before=self.step.t, t=t)
         return float((f * carried_way).sum()) + work_of_shape
 
     def way(self, t: float) -> Way:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -12,22 +12,19 @@ import numpy as np
 
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.advance import advance, goes_through, move_out
-from fecloth.terms.contact.bound_contact import BoundContact, Rubbing, Touched
+from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
 from fecloth.terms.contact.friction import SlidingPoints, along
 from fecloth.terms.contact.inside import refuse_inside
 from fecloth.terms.contact.points import Contacts, Points
-from fecloth.terms.contact.restitution import Approach, rates
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.surfaces import Triangles, surface_of
+from fecloth.terms.contact.touches import Touches, rows_of
 from fecloth.terms.last_states import LastStates
 from fecloth.terms.step_difference import StepDifference
 
 # How many gaps more than it had a node may be moved away from a shape that deforms, so that no
 # point inside a triangle is left in the shape. Chosen: the way is doubled up to it.
 MOST_GAPS_MORE = 32
-# Speed of the first touch [m/s] where it is not known, as records can hold no infinite number.
-# No cloth is as fast; c of it is nearly 0, so that nothing is damped.
-UNKNOWN_SPEED = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +41,6 @@ class BoundObstacle(BoundContact):
         Speed of sliding ε [m/s] from which friction has its full value.
     points
         The kinds of points on which it acts; the nodes are the first.
-    moved
-        The step over which it acts, with the speeds of the first touch; None at one state, where
-        it does not dissipate.
     """
 
     shape: Shape
@@ -55,8 +49,7 @@ class BoundObstacle(BoundContact):
     friction: float
     creep: float
     points: tuple[Points, ...]
-    restitution: float = 1.0
-    moved: Touched | None = None
+    restitution: float
 
     name = "Obstacle"
 
@@ -89,7 +82,7 @@ class BoundObstacle(BoundContact):
 
     def _find_touching(self, x: np.ndarray, t: float) -> Iterator[Contacts]:
         y_of_nodes, node_distances = self.placed_nodes(x, t)
-        for kind, points in enumerate(self.points):
+        for points in self.points:
             point_numbers = points.candidates(node_distances, self.gap)
             if not len(point_numbers):
                 continue
@@ -104,44 +97,19 @@ class BoundObstacle(BoundContact):
                     point_numbers=point_numbers,
                     y=y[is_touching],
                     s=s,
-                    approach=self._approach(kind, point_numbers, s),
                     shape=self.shape,
                     t=t,
                 )
 
-    def _approach(self, kind: int, point_numbers: np.ndarray, s: np.ndarray) -> Approach:
-        """Return how points of a kind came nearer over the step, to distances s over the gap.
-
-        `kind` is an index of `points`, and s (p,) belongs to the points `point_numbers` (p,). At
-        one state, without a step, the `Approach` is without damping.
-        """
-        if self.moved is None:
-            return Approach(s0=s, a=np.zeros(len(s)))
-        # The damping of restitutions 0 and 1 depends on no speed, and no speeds are recorded.
-        first_touch_speeds = np.zeros(len(s))
-        if self.moved.speeds:
-            first_touch_speeds = self.moved.speeds[kind][point_numbers]
-        before = self.distances(self.moved.start, self.moved.begin, kind, point_numbers)
-        c = rates(self.restitution, first_touch_speeds)
-        return Approach(s0=before / self.gap, a=c * self.gap / self.moved.dt)
-
-    def distances(
-        self, x: np.ndarray, t: float, kind: int, point_numbers: np.ndarray
-    ) -> np.ndarray:
-        """Distances (p,) [m] of the points `point_numbers` of a kind (an index of `points`)."""
-        y = self.shape.pose(t).to_body(self.points[kind].values(x, point_numbers))
-        return self.shape.distance(y, t)
-
     def normal_force(self, contacts: Contacts) -> np.ndarray:
-        """Return −κ A b′(d/gap) max(0, 1 − c ḋ) (p,) [N]; times ∇d it is the push on a point."""
-        force = self.stiffness * contacts.areas * barrier.pressure(contacts.s)
-        return force * contacts.approach.factor(contacts.s)
+        """Return −κ A b′(d/gap) (p,) [N]; times ∇d it is the push on a point."""
+        return self.stiffness * contacts.areas * barrier.pressure(contacts.s)
 
     def energy(self, x, t) -> float:
         """Σ κ gap A b(d/gap) [J]; +∞ if a point is inside."""
         total = 0.0
         for contacts in self.touching(x, t):
-            total += float((contacts.areas * contacts.approach.value(contacts.s)).sum())
+            total += float((contacts.areas * barrier.value(contacts.s)).sum())
         return self.stiffness * self.gap * total
 
     def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
@@ -172,11 +140,11 @@ class BoundObstacle(BoundContact):
         """Return κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d) (p, 3, 3) [N/m].
 
         It is minus the change of the push with x. The second part, in which b′ is negative, is
-        left out if `definite`. Over a step, b″ and b′ include the damping (`Approach`).
+        left out if `definite`.
         """
         gradient, hessian = contacts.slopes
         normal_stiffness = self.stiffness / self.gap * contacts.areas
-        normal_stiffness *= contacts.approach.curvature(contacts.s)
+        normal_stiffness *= barrier.curvature(contacts.s)
         K = normal_stiffness[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
         if not definite:
             K -= self.normal_force(contacts)[:, None, None] * hessian
@@ -236,59 +204,42 @@ class BoundObstacle(BoundContact):
             work -= float(self.normal_force(contacts) @ change)  # a shape that grows: change < 0
         return work
 
-    def over(self, moved: Touched) -> BoundObstacle:
-        if self.restitution < 1.0:
-            return replace(self, moved=moved)
-        return self
+    def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
+        parts = [self._touches(contacts, old, new, h) for contacts in self.touching(new.x, new.t)]
+        if not parts:
+            return None
+        return Touches.join(parts)
 
-    def lost(self, x: np.ndarray, t: float) -> float:
-        """Σ κ gap A p (w − 1)(s₀ − s) [J]."""
-        total = 0.0
-        for contacts in self.touching(x, t):
-            total += float(contacts.areas @ contacts.approach.lost(contacts.s))
-        return self.stiffness * self.gap * total
+    def _touches(self, contacts: Contacts, old: Any, new: Any, h: float) -> Touches:
+        """What points of one kind touch; see `find_touches`.
 
-    def speeds(self, x: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
-        """Return `Touched.speeds` (p,) of each kind of points after a step that ends at x and t.
-
-        A point in the gap keeps its known speed. Any other point gets the mean speed with which
-        it came nearer over this step, as it may touch in the next one. At one state, without a
-        step, all speeds are unknown. Restitutions 0 and 1 need no speeds: then it returns ().
+        At the begin of the step, points opened along the normal at that place. Those outside of
+        the gap opened along the normal at the end.
         """
-        if not 0.0 < self.restitution < 1.0:
-            return ()
-        if self.moved is None:
-            point_counts = [len(points.areas) for points in self.points]
-            return tuple(np.full(count, UNKNOWN_SPEED) for count in point_counts)
-        all_speeds = []
-        for kind, speeds_before in enumerate(self.moved.speeds):
-            all_points = np.arange(len(speeds_before))
-            d = self.distances(x, t, kind, all_points)
-            d_before = self.distances(self.moved.start, self.moved.begin, kind, all_points)
-            speeds_now = np.maximum((d_before - d) / self.moved.dt, 0.0)
-            keeps_speed = (d < self.gap) & (speeds_before < UNKNOWN_SPEED)
-            all_speeds.append(np.where(keeps_speed, speeds_before, speeds_now))
-        return tuple(all_speeds)
-
-    def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
-        """Return the largest speed [m/s] with which a point newly enters the gap; 0 without any.
-
-        Only points count that are in the gap at x and t, and were outside of it in the `State`
-        `old`: the others have touched before. The speed is that of `old`, along the normal.
-        """
-        new_speeds = [0.0]
+        numbers = contacts.point_numbers
+        gradient, _ = contacts.slopes
+        length = np.linalg.norm(gradient, axis=1)  # not 1 where the distance is a formula
+        n = gradient / length[:, None]
         pose = self.shape.pose(old.t)
-        for contacts in self.touching(x, t):
-            places = contacts.points.values(old.x, contacts.point_numbers)
-            v = contacts.points.values(old.v, contacts.point_numbers)
-            y = pose.to_body(places)
-            gradient, _ = self.shape.slopes(y, old.t)
-            n = gradient @ pose.R.T
-            n /= np.linalg.norm(n, axis=1, keepdims=True)
-            speeds = np.einsum("pi,pi->p", n, self.shape.velocity(places, old.t) - v)
-            was_outside = self.shape.distance(y, old.t) >= self.gap
-            new_speeds += speeds[was_outside].tolist()
-        return max(new_speeds)
+        begins = contacts.points.values(old.x, numbers)
+        y = pose.to_body(begins)
+        was_outside = self.shape.distance(y, old.t) >= self.gap
+        n_at_begin = np.where(was_outside[:, None], n, self.shape.gradient(y, old.t) @ pose.R.T)
+        n_at_begin /= np.linalg.norm(n_at_begin, axis=1)[:, None]
+        v_at_begin = contacts.points.values(old.v, numbers) - self.shape.velocity(begins, old.t)
+        growth = np.zeros(len(n))  # speed of the surface of a shape that deforms, its mean
+        if self.shape.deforms:
+            change = contacts.s * self.gap - self.shape.distance(contacts.y, old.t)
+            growth = -change / (new.t - old.t) / length
+        places = contacts.points.values(new.x, numbers)
+        surface_velocity = self.shape.velocity(places, new.t)
+        return Touches(
+            rows=rows_of(contacts.points.weights(numbers, len(new.x)), n),
+            surface=np.einsum("pi,pi->p", n, surface_velocity) + growth,
+            before=np.einsum("pi,pi->p", n_at_begin, v_at_begin) - growth,
+            pushed=h * self.normal_force(contacts) * length,
+            restitution=np.full(len(n), self.restitution),
+        )
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no point passes into the obstacle up to x + α s."""

@@ -79,12 +79,10 @@ class Obstacle:
     a cloth at rest on a slope creeps with less than ε. Over a step, λ and ∇d are taken at its
     begin, so that friction has a potential; over a load step of `equilibrium`, at its end.
 
-    With a restitution e < 1 an impact dissipates: over a step the pressure is multiplied by
-    max(0, 1 − c ḋ), which raises it in an approach. c follows from e and the speed of the
-    first touch, and is at most 400 s/m: with e = 0 a cloth leaves the shape with at most 2.5
-    mm/s (`restitution`; Hunt and Crossley 1975). With e > 0 the steps must resolve a bounce,
-    dt ≤ gap/(50 v) for the speed v of the first touch; a run with longer steps warns. The
-    skeleton of a thin shape dissipates as `SelfContact` does.
+    An impact leaves the part e = `restitution` of the speed at which a node closes, at any dt:
+    at the end of a step impulses in the mass of the cloth decide with what speed all nodes that
+    touch open (`fecloth.integrators.impacts`; Moreau 1988). A speed that the forces of two steps
+    explain does not bounce, so that a cloth at rest stays.
 
     K = κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d). Its second part is negative for a convex shape; the
     definite tangent leaves it out.
@@ -111,14 +109,14 @@ class Obstacle:
     stiffness
         κ [Pa], or "auto": from the weight and stiffness of the fabric, and the gap.
     restitution
-        Part of the speed that an impact leaves, 0 (no bounce) … 1 (an elastic barrier).
+        Part of the speed that an impact leaves, 0 (no bounce) … 1.
 
     Raises
     ------
     InputError
         For numbers out of their range. When bound to a cloth: for a gap above a tenth of its
-        extent, a cloth that starts inside, a shape that fits between the points if ``ipctk`` is
-        missing, and a restitution between 0 and 1 of a shape that acts by its skeleton.
+        extent, a cloth that starts inside, and a shape that fits between the points if ``ipctk``
+        is missing.
 
     Examples
     --------
@@ -197,12 +195,7 @@ class Obstacle:
         )
 
     def _bind_skeleton(self, skeleton: Skeleton, panel: Panel) -> BoundSkeleton:
-        """Return the bound term of a thin shape, from its own points, edges and faces.
-
-        Raises `InputError` for a restitution between 0 and 1.
-        """
-        where = "an Obstacle that is thin against the edges of the triangles"
-        barrier.check_restitution(where, self.restitution, of_pairs=True)
+        """Return the bound term of a thin shape, from its own points, edges and faces."""
         sets = ContactSets.bind(
             "Obstacle",
             panel.cloth,
@@ -255,8 +248,6 @@ class MeshObstacle:
     plane, a sphere and the other shapes of `fecloth.shapes` are much cheaper as an `Obstacle`,
     and exact.
 
-    With the restitution 0 it dissipates as `SelfContact` does.
-
     Source: Li et al. (2020), Incremental Potential Contact: Intersection- and Inversion-free,
     Large-Deformation Dynamics, ACM Trans. Graph. 39(4), computed by the IPC Toolkit, the package
     ``ipctk``.
@@ -285,7 +276,7 @@ class MeshObstacle:
     rotate
         `Rotation` about an axis that moves along; only the changes of its angle count.
     restitution
-        0 (no bounce) or 1 (an elastic barrier).
+        Part of the speed that an impact leaves, 0 (no bounce) … 1.
 
     Examples
     --------
@@ -306,7 +297,7 @@ class MeshObstacle:
 
     def __post_init__(self):
         _ = self._body  # a mistake in it is refused where the obstacle is written
-        barrier.check_restitution("MeshObstacle", self.restitution, of_pairs=True)
+        barrier.check_restitution("MeshObstacle", self.restitution)
         validation.positive("scale", self.scale, "", "MeshObstacle")
         barrier.check_numbers("MeshObstacle", self.gap, self.friction, self.stiffness)
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sparse
 
 from fecloth.compiled.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.contact.restitution import Approach
 from fecloth.terms.contact.shape import Shape
 
 # A triangle may dip into a shape by this part of the gap between its points. Chosen: the cloth
@@ -57,6 +57,11 @@ class NodePoints:
 
     def add_force(self, point_numbers: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
         f[point_numbers] += F
+
+    def weights(self, point_numbers: np.ndarray, n: int) -> sparse.csr_matrix:
+        """(p, n) the parts of the nodes in values at the points `point_numbers` (p,)."""
+        all_points = sparse.identity(n, format="csr")
+        return all_points[point_numbers]
 
     def add_tangent(self, point_numbers: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
         J.values[J.pattern.diagonal[point_numbers]] += K
@@ -139,6 +144,12 @@ class TrianglePoints:
         N = self.shape_functions
         add_forces(point_numbers, self.triangles, N, self.stencil, F, f)
 
+    def weights(self, point_numbers: np.ndarray, n: int) -> sparse.csr_matrix:
+        nodes = self.stencil[self.triangles[point_numbers]]
+        begins = np.arange(0, nodes.size + 1, nodes.shape[1])
+        entries = (self.shape_functions[point_numbers].ravel(), nodes.ravel(), begins)
+        return sparse.csr_matrix(entries, shape=(len(nodes), n))
+
     def add_tangent(self, point_numbers: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
         K = np.ascontiguousarray(K)
         N = self.shape_functions
@@ -162,8 +173,6 @@ class Contacts:
         Places (p, 3) of these in the frame of the shape [m].
     s
         Distances (p,) of these over the gap.
-    approach
-        How these come nearer over the step.
     shape
         The shape of the obstacle.
     t
@@ -174,7 +183,6 @@ class Contacts:
     point_numbers: np.ndarray
     y: np.ndarray
     s: np.ndarray
-    approach: Approach
     shape: Shape
     t: float
 

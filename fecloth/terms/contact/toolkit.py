@@ -11,7 +11,9 @@ import scipy.sparse as sparse
 from fecloth.errors import InputError
 from fecloth.linalg.reductions import longest
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.sewn_cloth import SewnCloth
 from fecloth.mesh.surface import Surface
+from fecloth.terms.contact import barrier
 from fecloth.terms.contact.pairs import nodes_of, square_away_from
 from fecloth.terms.contact.shape import NO_EDGES, NO_TRIANGLES, Skeleton
 
@@ -21,6 +23,9 @@ PART_OF_FREE_WAY = 0.9
 # Up to this distance over the gap it is asked whether all pairs are farther apart. This number
 # and the next one decide on the cost only: beyond it, to ask costs more than it saves.
 FARTHEST_ASKED_OVER_GAP = 6.0
+# 1 − s from which on a pair pushes. Nearer to the end of the gap, its energy over b(s) is a
+# quotient of round-off: b(s) is 1e-18 there.
+LEAST_DEPTH_OVER_GAP = 1e-6
 MOST_PAIRS_PER_NODE = 8  # to keep more pairs costs more than to search for them again
 
 
@@ -121,6 +126,9 @@ class ContactSets:
         nodes = np.asfortranarray(np.vstack([rest, fixed_mesh.points]))
         mesh = ipctk.CollisionMesh(nodes, edges.astype(np.int32, order="F"), faces)
         largest = math.inf
+        if isinstance(cloth, SewnCloth):
+            apart = dict.fromkeys(map(tuple, cloth.neighbours.tolist()), False)
+            mesh.can_collide = ipctk.make_sparse_filter(apart, True)
         if fixed:
             # Two nodes with the same number of a patch do not collide: the cloth meets the fixed
             # mesh only, and not itself.
@@ -296,18 +304,22 @@ class ContactSets:
         normals = sparse.csr_matrix((blocks[is_entry], places_of_entries), shape=(m, x.size))
         return normals, d, energies
 
-    def lag(self, x: np.ndarray, friction: float, parts: np.ndarray | None = None) -> Any:
+    def pushes(self, x: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
+        """Return the gradients ∇d (m, 3n) and forces −dE/dd (m,) [N] of the m contacts at x."""
+        normals, d, energies = self.pairs(x)
+        span = (self.gap + self.thickness) ** 2 - self.thickness**2
+        s = (d**2 - self.thickness**2) / span
+        acts = s < 1 - LEAST_DEPTH_OVER_GAP
+        any_s = np.where(acts, s, 0.5)  # 0.5: any s with b(s) > 0, where a pair does not act
+        force_over_energy = barrier.pressure(any_s) / barrier.value(any_s) * 2 * d / span
+        return normals, np.where(acts, energies * force_over_energy, 0.0)
+
+    def lag(self, x: np.ndarray, friction: float) -> Any:
         """Return the toolkit's record of the contacts that slide at x (n, 3).
 
         It holds their normal forces and directions of sliding, for the coefficient `friction` μ.
-        The normal forces of the m contacts are multiplied with `parts` (m,), if given.
         """
         contacts = self.at(x)
-        if parts is not None:
-            for number, part in enumerate(parts):
-                contacts[number].weight *= part
-            # `at` would return these contacts again, and now they have other weights.
-            self._last = None
         lagged = self.toolkit.TangentialCollisions()
         lagged.build(self.mesh, self.nodes(x), contacts, self.potential, friction)
         return lagged

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,13 +13,13 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.surface import find_intersections
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
-from fecloth.terms.contact.bound_contact import BoundContact, Rubbing, Touched
+from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
 from fecloth.terms.contact.friction import CREEP_OVER_EXTENT
 from fecloth.terms.contact.inside import MOST_NAMED
-from fecloth.terms.contact.retreat import Retreat
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.sliding_triangles import SlidingTriangles, turn, turn_matrix
 from fecloth.terms.contact.toolkit import ContactSets
+from fecloth.terms.contact.touches import Touches
 from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import CONTACT
@@ -48,9 +47,7 @@ class BoundTriangleContact(BoundContact):
         The motion of the fixed mesh of the sets; None where it stands still. All contact is
         computed in the frame of this body.
     restitution
-        Part of the speed that an impact leaves, 0 or 1.
-    moved
-        The step over which it acts; None at one state, or if it is elastic.
+        Part of the speed that an impact leaves.
     """
 
     name: str
@@ -58,34 +55,9 @@ class BoundTriangleContact(BoundContact):
     friction: float
     creep: float
     body: Shape | None = None
-    restitution: float = 1.0
-    moved: Touched | None = None
+    restitution: float = 0.0
 
     symmetric = True
-
-    def over(self, moved: Touched) -> BoundContact:
-        if self.restitution == 0.0:
-            return replace(self, moved=moved)
-        return self
-
-    @cached_property
-    def retreat(self) -> Retreat | None:
-        """The pairs in contact at the begin of the step, which push less while they move apart.
-
-        None if there are none, at one state, and for an elastic contact.
-        """
-        moved = self.moved
-        if moved is None:
-            return None
-        begin = self.place(moved.start, moved.begin)
-        if len(self.sets.at(begin)):
-            return Retreat.at(self.sets, begin, begin, moved.dt)
-        return None
-
-    def lost(self, x: np.ndarray, t: float) -> float:
-        if self.retreat:
-            return self.retreat.lost(self.place(x, t))
-        return 0.0
 
     def place(self, x: np.ndarray, t: float) -> np.ndarray:
         """Positions (n, 3) as the fixed mesh sees them."""
@@ -106,20 +78,12 @@ class BoundTriangleContact(BoundContact):
         return self.body.pose(t).R
 
     def energy(self, x, t) -> float:
-        """Σ κ gap A b(s) [J]; over a step with the potential of `Retreat`."""
-        y = self.place(x, t)
-        energy = self.sets.energy(y)
-        if self.retreat:
-            energy += self.retreat.energy(y)
-        return energy
+        """Σ κ gap A b(s) [J]."""
+        return self.sets.energy(self.place(x, t))
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(n, 3) force [N] on the nodes without friction; over a step with that of `Retreat`."""
-        y = self.place(x, t)
-        f = self.sets.force(y)
-        if self.retreat:
-            f = f + self.retreat.force(y)
-        return turn(f, self.rotation(t))
+        """(n, 3) force [N] on the nodes without friction."""
+        return turn(self.sets.force(self.place(x, t)), self.rotation(t))
 
     def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
         """f −= ∂energy/∂x, and friction [N]."""
@@ -142,14 +106,12 @@ class BoundTriangleContact(BoundContact):
     def couplings(self, x, t, wx, rubbing, weight, definite) -> sparse.spmatrix | None:
         """Return wx K of the barrier plus `weight` D of friction (3n, 3n); None if both are 0.
 
-        K has the part of `Retreat` over a step. If `definite`, K has no negative parts.
+        If `definite`, K has no negative parts.
         """
-        y = self.place(x, t)
-        stiffness_matrices = [self.sets.tangent(y, definite)]
-        if self.retreat:
-            stiffness_matrices.append(self.retreat.tangent(y, definite))
-        R = self.rotation(t)
-        matrices = [turn_matrix(wx * K, R) for K in stiffness_matrices if K is not None]
+        matrices = []
+        K = self.sets.tangent(self.place(x, t), definite)
+        if K is not None:
+            matrices.append(turn_matrix(wx * K, self.rotation(t)))
         for sliding, w in rubbing:
             D = sliding.damping(w, weight)
             if D is not None:
@@ -161,20 +123,13 @@ class BoundTriangleContact(BoundContact):
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingTriangles]:
         """Return what slides at x (n, 3) and the time t, in a list of one entry.
 
-        If the contact dissipates over a step (`moved`), the normal forces are those that the
-        dissipation leaves. The velocity of the surface is its mean from t to t + dt; for
-        dt = None that at t.
+        The velocity of the surface is its mean from t to t + dt; for dt = None that at t.
         """
         y = self.place(x, t)
         surface: np.ndarray | float = 0.0
         if self.body is not None:
             surface = self.body.mean_velocity(y, x, t, dt)
-        parts = None  # of the elastic normal forces: all
-        moved = self.moved
-        if moved is not None:
-            begin = self.place(moved.start, moved.begin)
-            parts = Retreat.at(self.sets, y, begin, moved.dt).parts(y)
-        lagged = self.sets.lag(y, self.friction, parts)
+        lagged = self.sets.lag(y, self.friction)
         sliding = SlidingTriangles(
             sets=self.sets,
             lagged=lagged,
@@ -188,20 +143,24 @@ class BoundTriangleContact(BoundContact):
     def gap(self) -> float:  # type: ignore[override]  # a field in the base, here of the sets
         return self.sets.gap
 
-    def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
-        """Return the largest speed [m/s] with which a pair newly enters the gap; 0 without any.
-
-        Only pairs count that are in the gap at x and t, and were outside of it in the `State`
-        `old`: the others have touched before. Their old distance is extrapolated with the
-        normals at x. The speed is that of `old`, along the same normals.
-        """
-        y = self.place(x, t)
-        begin = self.place(old.x, old.t)
-        normals, d, _ = self.sets.pairs(y)
-        old_d = d - normals @ (y - begin).ravel()
-        was_outside = old_d >= self.gap + self.sets.thickness
-        speeds = -normals @ self.slip(old.x, old.v, old.t).ravel()
-        return float(np.max(speeds[was_outside], initial=0.0))
+    def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
+        y = self.place(new.x, new.t)
+        if not len(self.sets.at(y)):
+            return None
+        normals, pushes = self.sets.pushes(y)
+        v_of_surface: np.ndarray = np.zeros_like(new.x)
+        rows = normals
+        if self.body is not None:
+            R = self.body.pose(new.t).R
+            v_of_surface = self.body.velocity(new.x, new.t) @ R
+            rows = normals @ sparse.kron(sparse.identity(len(y)), R.T, format="csr")
+        return Touches(
+            rows=rows,
+            surface=normals @ v_of_surface.ravel(),
+            before=normals @ self.slip(old.x, old.v, old.t).ravel(),
+            pushed=h * pushes,
+            restitution=np.full(len(pushes), self.restitution),
+        )
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no triangle passes through another up to x + α s."""
@@ -274,9 +233,8 @@ class SelfContact:
 
     Friction is Coulomb's, smoothed and lagged, as for `Obstacle`.
 
-    With the restitution 0 an impact dissipates: over a step the push of pairs that move apart
-    is multiplied by max(0, 1 − ḋ/v) with v = 2.5 mm/s, and layers leave each other with little
-    more than v (`retreat`).
+    An impact leaves the part `restitution` of the speed at which two layers close, as for
+    `Obstacle`.
 
     Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`,
     from a start free of intersections.
@@ -295,7 +253,7 @@ class SelfContact:
     stiffness
         κ [Pa], or "auto": as for `Obstacle`.
     restitution
-        0 (no bounce) or 1 (an elastic barrier).
+        Part of the speed that an impact leaves, 0 (no bounce) … 1.
 
     Examples
     --------
@@ -314,7 +272,7 @@ class SelfContact:
     def __post_init__(self):
         validation.positive("thickness", self.thickness, "m", "SelfContact", or_zero=True)
         barrier.check_numbers("SelfContact", self.gap, self.friction, self.stiffness)
-        barrier.check_restitution("SelfContact", self.restitution, of_pairs=True)
+        barrier.check_restitution("SelfContact", self.restitution)
 
     stencil = uncoupled
 

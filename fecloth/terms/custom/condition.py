@@ -15,7 +15,8 @@ from fecloth.terms.custom.finite_differences import Derivatives, Function
 from fecloth.terms.loops import bound_condition
 from fecloth.terms.traits import TermTraits
 
-RESERVED = ("t", "kinetic", "pins", "numerical", "total", "remainder")  # columns of the ledger
+# columns of the ledger
+RESERVED = ("t", "kinetic", "pins", "numerical", "impacts", "total", "remainder")
 
 
 @checks_arguments

@@ -28,7 +28,7 @@ import numpy as np
 import fecloth as fc
 from fecloth.linalg import multigrid
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.direct import Pardiso, SuperLU
+from fecloth.linalg.direct import Pardiso, Rslab, SuperLU
 from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.linalg.prices import FILE
@@ -42,9 +42,9 @@ BLOCKS = 16_000, 350_000
 TRIANGLES_PER_BLOCK = {"membrane": 2 / 7, "plate": 2 / 22}
 LOADING = """
 import time, scipy.sparse
-from fecloth.linalg import mkl_pardiso
+from fecloth.linalg import direct
 begin = time.process_time()
-mkl_pardiso.routine()
+direct.{solver}()
 print(time.process_time() - begin)
 """
 
@@ -161,25 +161,27 @@ def iterative(A: BlockMatrix, b: np.ndarray, x: np.ndarray) -> Iterator[tuple[st
 
 
 def direct(A: BlockMatrix, b: np.ndarray) -> Iterator[tuple[str, float]]:
-    """The CPU seconds of PARDISO and SuperLU, and the entries of their factors."""
-    for solver in (Pardiso(), SuperLU()):
+    """The CPU seconds of the direct solvers, and the entries of their factors."""
+    for solver in (Pardiso(), Rslab(), SuperLU()):
         factor = first = cpu(lambda s=solver: s.prepare(A), most=1)
-        if isinstance(solver, Pardiso):  # SuperLU repeats the analysis
+        if not isinstance(solver, SuperLU):  # which repeats the analysis
             factor = cpu(lambda s=solver: s.prepare(A), most=20)
-            yield "analysis", first - factor
+            yield f"{solver.name} analysis", first - factor
         yield f"{solver.name} entries", solver.entries
         yield f"{solver.name} factor", factor / solver.entries
         yield f"{solver.name} solve", cpu(lambda s=solver: s._apply(b)) / solver.entries
 
 
-def prices_of(kind: str, blocks: int, load: float, python: dict[str, float]) -> dict[str, float]:
+def prices_of(
+    kind: str, blocks: int, loads: dict[str, float], python: dict[str, float]
+) -> dict[str, float]:
     """The prices of a matrix in block products, as `fecloth.linalg.prices` reads them.
 
-    `load` are the seconds in which the MKL is loaded, `python` what Python takes for rows.
+    `loads` are the seconds in which packages are loaded, `python` what Python takes for rows.
     """
     system = system_of(kind, blocks)
     count = len(system.pattern.indices)
-    seconds = {**dict(seconds_of(system)), "load": load}
+    seconds = {**dict(seconds_of(system)), **loads}
     for name in ("row", "implicit row"):
         seconds[name] = max(seconds[name] - python[name], 0.1 * seconds[name])
     product = seconds.pop("iteration") / count
@@ -187,16 +189,16 @@ def prices_of(kind: str, blocks: int, load: float, python: dict[str, float]) -> 
     for name, value in seconds.items():
         if name.endswith("entries"):
             prices[name] = value / count
-        elif name == "load" or name.startswith(("pardiso", "superlu")):
+        elif name.endswith(("load", "factor", "solve")):
             prices[name] = value / product
         else:
             prices[name] = value / product / count
     return prices
 
 
-def seconds_of_loading() -> float:
-    """The CPU seconds in which a new process loads the MKL, the least of three."""
-    command = [sys.executable, "-c", LOADING]
+def seconds_of_loading(solver: str) -> float:
+    """The CPU seconds in which a new process loads a solver's package, the least of three."""
+    command = [sys.executable, "-c", LOADING.format(solver=solver)]
     runs = [subprocess.run(command, capture_output=True, check=True) for _ in range(3)]
     return min(float(run.stdout) for run in runs)
 
@@ -229,12 +231,12 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="small matrices only")
     options = parser.parse_args()
     sizes = (BLOCKS[0] // 8, BLOCKS[0]) if options.quick else BLOCKS
-    load = seconds_of_loading()
+    loads = {f"{name.lower()} load": seconds_of_loading(name) for name in ("Pardiso", "Rslab")}
     seconds = in_python()
     table: dict[str, dict[str, list[float]]] = {}
     for kind in TRIANGLES_PER_BLOCK:
         for blocks in sizes:
-            for name, price in prices_of(kind, blocks, load, seconds).items():
+            for name, price in prices_of(kind, blocks, loads, seconds).items():
                 table.setdefault(name, {}).setdefault(kind, []).append(price)
     product = 1e-9 * table["ns of a product"]["membrane"][0]
     text = to_toml(table, {name: value / product for name, value in seconds.items()})

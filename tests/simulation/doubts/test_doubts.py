@@ -5,10 +5,13 @@ import warnings
 
 import numpy as np
 import pytest
+from support.matrices import hide
 from support.planned import warnings_before
 
 import fecloth as fc
+from fecloth.linalg.prices import Prices
 from fecloth.simulation.account import Account, Accounts
+from fecloth.simulation.doubts.course import find_slow_factors
 from fecloth.simulation.doubts.terms import find_unused_bending
 from fecloth.study import measured_runs
 from fecloth.study.measured_runs import measure
@@ -154,7 +157,7 @@ def test_a_kind_spoils_an_answer_or_asks_for_a_check_or_is_a_note():
     for kind in fc.DoubtKind:
         kinds[kind.label].add(kind.value)
         assert kind.spoils == (kind.label == "warning")
-    assert kinds["check"] == {"units", "terms", "no_effect", "pins", "step"}
+    assert kinds["check"] == {"units", "terms", "no_effect", "pins", "step", "speed"}
     assert kinds["note"] == {"start", "mesh", "edges", "weight", "round_off", "wrinkles"}
 
 
@@ -253,3 +256,24 @@ def test_a_memory_of_another_kind_is_refused():
     _, system, method, start = swinging(0.15, 0.01)
     with pytest.raises(fc.InputError, match="memory = 3: must be such as info.memory"):
         next(fc.march(system, method, start, 0.01, 0.1, memory=3))
+
+
+def test_a_run_whose_factors_would_be_faster_says_so_with_the_factor(monkeypatch):
+    _, system, method, start = swinging(0.3, 0.01)
+    for packages, said in (((), False), (("pypardiso",), False), (("rslab",), True)):
+        hide(monkeypatch, *packages)
+        for chosen in (method, fc.CentralDifference()):
+            words = warnings_before(system, 0.01, method=chosen, doubts=[find_slow_factors])
+            assert bool(words) == (said and chosen is method)
+    factors = Prices.of(system.pattern).factors
+    ratio = np.divide(
+        *(factors[name].factor * factors[name].entries for name in ("superlu", "rslab"))
+    )
+    assert f"SuperLU takes about {ratio:.0f} times as long as by rslab" in words_of(system, start)
+
+
+def words_of(system, start):
+    """The warnings of an equilibrium, as one text."""
+    with pytest.warns(fc.FeclothWarning) as said:
+        fc.equilibrium(system, start, tolerance=1e-6)
+    return "; ".join(str(each.message) for each in said)

@@ -2,18 +2,15 @@
 
 import math
 from contextlib import nullcontext
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import flat
-from scipy import sparse
 
 import fecloth as fc
 from fecloth.terms.contact.advance import advance, goes_through, move_out
 from fecloth.terms.contact.inside import cutting_depth
 from fecloth.terms.contact.points import _find_distinct
-from fecloth.terms.contact.retreat import Retreat
 
 S = fc.shapes
 GAP = 2e-3
@@ -161,31 +158,6 @@ def test_nodes_leave_a_shape_that_deforms_by_up_to_thirty_two_gaps_more(needed, 
     )
     places = term._move_nodes_out(flat(sheet) + [0, 0, GAP], 0.0, 0.1)
     assert places[:, 2] == pytest.approx(np.full(len(places), (1 + more) * GAP))
-
-
-# --- pairs of triangles ---------------------------------------------------------------------------
-
-
-def retreat_of(s, before=0.0):
-    """The `Retreat` of one pair at the distance s over the gap, which came nearer by `before`."""
-    d = GAP * math.sqrt(s)  # s = d²/gap²
-    normals = sparse.csr_matrix([[1.0, 0.0, 0.0]])
-    numbers = normals, np.array([d]), np.array([1.0])
-    sets = SimpleNamespace(gap=GAP, thickness=0.0, pairs=lambda x: numbers)
-    return Retreat.at(sets, np.array([[before, 0.0, 0.0]]), np.zeros((1, 3)), 0.01), d
-
-
-@pytest.mark.parametrize(("left", "begin"), [(0.8e-3, 1e-3), (1.25e-3, 1.25e-3), (-9.0, 1e-3)])
-def test_a_pair_was_at_least_a_thousandth_of_its_distance_apart(left, begin):
-    """The way along the gradient may be longer than the distance, so that less is `left`."""
-    retreat, d = retreat_of(0.25, (1 - left) * 0.5 * GAP)
-    assert retreat.d0[0] == pytest.approx(begin * d, rel=1e-9)
-
-
-@pytest.mark.parametrize(("part", "acts"), [(0.8, False), (1.25, True)])
-def test_a_pair_counts_from_a_millionth_of_the_gap_on(part, acts):
-    retreat, _ = retreat_of(1 - part * 1e-6)
-    assert (retreat.scale[0] > 0) == acts
 
 
 # --- points of the cloth --------------------------------------------------------------------------

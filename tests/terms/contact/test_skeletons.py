@@ -152,13 +152,6 @@ def test_without_the_toolkit_what_fits_between_the_points_is_refused(part, refus
         assert isinstance(bind(rod)[1], BoundObstacle)
 
 
-def test_a_restitution_of_a_skeleton_is_0_or_1():
-    with pytest.raises(
-        InputError, match="thin against the edges of the triangles: restitution = 0.5: must be 0"
-    ):
-        bind(THIN["needle"], restitution=0.5)
-
-
 def test_a_start_inside_is_refused_with_the_nodes():
     system, _, x = bind(S.Box((0.0, 0.0, 0.0), (0.02, 0.02, 0.1)))
     with pytest.raises(InputError, match=r"of the nodes, the deepest .*start inside the Box"):

@@ -1,0 +1,109 @@
+"""[[seams]] in scenes: the same as in Python, with restart, errors by key, and sensitivities."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from support.rundirs import written
+
+import fecloth as fc
+from fecloth.errors import SceneError
+from fecloth.runs.run_scene import run_scene
+from fecloth.scene.scene import load_scene
+
+TEXT = """
+terms = [{ type = "StVK" }, { type = "PlateBending" }, { type = "Gravity" }]
+pins = [{ where = "front/top" }]
+output = { every_steps = 4, restart_steps = 3 }
+seams = [
+  { first = "front.left", second = "back.left", close = "0.05 s" },
+  { first = "front.right", second = "back.right", stiffness = 0.001, close = "0.05 s" },
+]
+[cloths.front]
+shape = "rectangle"
+width = 0.2
+height = 0.2
+h = 0.05
+[cloths.back]
+shape = "rectangle"
+width = 0.2
+height = 0.22
+h = 0.04
+start = { shift = [0, 0, -0.02] }
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 500.0
+bending_rigidity = 1e-3
+[time]
+method = "METHOD"
+dt = DT
+t_end = 0.08
+"""
+METHODS = {"bdf2": "0.004", "central_difference": "2e-5"}
+
+
+def scene_file(folder, method="bdf2", text=TEXT):
+    path = folder / "bag.toml"
+    path.write_text(text.replace("METHOD", method).replace("DT", METHODS[method]))
+    return path
+
+
+def test_a_scene_has_the_seams_of_python(tmp_path):
+    system = load_scene(scene_file(tmp_path)).build().system
+    assert system.seams == (
+        fc.Seam("front.left", "back.left", close=0.05),
+        fc.Seam("front.right", "back.right", stiffness=0.001, close=0.05),
+    )
+    assert "SeamBending" in system.names
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+def test_a_broken_off_run_goes_on_bit_for_bit(tmp_path, monkeypatch):
+    """It is broken off while the seams close; the start of the run is not known after it."""
+    monkeypatch.chdir(tmp_path)
+    scene = scene_file(tmp_path)
+
+    def stop(info):
+        if info.step == 8:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    whole = run_scene(load_scene(scene), tmp_path / "whole")
+    run_scene(load_scene(scene), tmp_path / "parts", report=stop)
+    assert run_scene(load_scene(scene), tmp_path / "parts", resume=True).status == "done"
+    whole_files, files = written(tmp_path / "whole"), written(tmp_path / "parts")
+    same = {name: whole_files[name] == files.get(name) for name in whole_files}
+    assert same == dict.fromkeys(whole_files, True)
+    gap = np.genfromtxt(tmp_path / "whole" / "observed.csv", delimiter=",", names=True)
+    column = next(name for name in gap.dtype.names if name.startswith("gap"))
+    assert gap[column][0] == pytest.approx(np.hypot(0.02, 0.02), rel=0.1)
+    assert gap[column][-1] == 0.0
+    assert whole.state.t == pytest.approx(0.08)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ('second = "back.left"', 'second = "back.lef"', "seams.0"),
+        ('second = "back.right"', 'second = "back.boundary"', "seams.1"),
+        ("stiffness = 0.001", 'stiffness = "cloth"', "seams.1"),
+        ('"front/top"', '"back/left"', "seams"),
+        ('left", close = "0.05 s"', 'left"', "seams.0"),
+    ],
+)
+def test_a_mistake_is_told_by_its_key(old, new, key, tmp_path):
+    assert old in TEXT
+    with pytest.raises(SceneError, match=key):
+        load_scene(scene_file(tmp_path, text=TEXT.replace(old, new))).build()
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+@pytest.mark.parametrize("method", METHODS)
+def test_a_sensitivity_agrees_with_twin_runs(method, tmp_path):
+    text = TEXT.replace("t_end = 0.08", "t_end = 0.012")
+    if method == "central_difference":
+        text = text.replace("t_end = 0.012", "t_end = 0.002")
+    text += '[[probes]]\nname = "tip"\nwhere = "back/bottom"\n'
+    scene = scene_file(tmp_path, method, text)
+    s = fc.sensitivity(scene, parameters=["fabric.tensile_stiffness"], quantity="tip.z")
+    assert s.checked < 1e-3

@@ -1,0 +1,85 @@
+"""What the calls of `tests/messages/calls.txt` may name."""
+
+import math as math
+from functools import cache
+
+import numpy as np
+
+import fecloth as fc
+from fecloth.homogenisation import bending_tensor as bending_tensor
+from fecloth.homogenisation import strip_rigidity as strip_rigidity
+from fecloth.integrators.protocol import MethodTraits as MethodTraits
+from fecloth.simulation.resolve import solver_for as solver_for
+from fecloth.simulation.stability_limited import StabilityLimited as StabilityLimited
+from fecloth.stability import amplification as amplification
+from fecloth.stability import estimate as estimate
+from fecloth.system.constraints import Constraints as Constraints
+
+NAN, INF = float("nan"), float("inf")
+ISOTROPIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
+ORTHOTROPIC = fc.Fabric(0.15, (2000.0, 900.0), 0.2, shear_stiffness=60.0)
+BENDING = fc.Fabric(0.15, 1000.0, bending_rigidity=1e-5)
+TURN = fc.Rotation((0, 0, 0), (0, 0, 1), "t")
+SHEET = {"E": 2e5, "nu": 0.3, "thickness": 5e-4, "rho": 400.0}
+
+
+@cache
+def cloth(pattern="unstructured", element="P1"):
+    return fc.Cloth.rectangle(1.0, 0.6, h=0.2, pattern=pattern, element=element)
+
+
+def system(*terms, fabric=ISOTROPIC, pins=(), mesh=None, **options):
+    return fc.System(mesh or cloth(), fabric, list(terms), list(pins), **options)
+
+
+def force(*terms):
+    """The force at rest, where a value is found out that was not known before."""
+    bound = system(*terms)
+    return bound.force(bound.rest())
+
+
+def march(method=None, dt=0.01, bound=None, t_end=0.02, **options):
+    bound = bound or system(fc.StVK())
+    return next(fc.march(bound, method or fc.BDF2(), bound.rest(), dt, t_end, **options))
+
+
+def modes(pins=(), **options):
+    bound = system(fc.StVK(), pins=pins)
+    return fc.modes(bound, bound.rest(), **options)
+
+
+def equilibrium(**options):
+    return fc.equilibrium(system(fc.StVK()), system(fc.StVK()).rest(), **options)
+
+
+def condition(**changes):
+    given = {"value": lambda y: y[:, 0, :2], "nodes": [[0, 1], [2, 3]], "stiffness": 1.0}
+    return system(fc.Condition(**(given | changes)))
+
+
+def many_steps(*terms, dt=1e-4, steps=1, threads=1, **options):
+    bound = system(*terms, mesh=cloth("right"), **options)
+    return fc.many_steps(bound, bound.rest(), dt, steps, threads=threads)
+
+
+def motion_at(name, value):
+    pin = fc.Pin("left", **({"motion": lambda t: np.zeros(3)} | {name: lambda t: value}))
+    return pin.displacement(0.5) + pin.speed(0.5)
+
+
+# a system, its state, and a run of them
+CLOTH = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")
+FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=100.0)
+SYSTEM = fc.System(CLOTH, FABRIC, [fc.StVK(), fc.Gravity()], pins=["left"])
+START = SYSTEM.rest()
+OTHER = fc.Cloth.rectangle(0.6, 0.3, h=0.3, pattern="right")
+X, V = START.x, START.v
+BROKEN = X.copy()
+BROKEN[3, 1] = np.nan
+
+
+BDF2 = fc.BDF2()
+
+
+def marched(system=SYSTEM, method=BDF2, state=START, dt=0.01, t_end=0.02, **options):
+    return fc.run(system, method, state, dt, t_end, **options)

@@ -1,0 +1,95 @@
+"""Seams that are open at the start, and are closed in time or by load steps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError
+
+FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
+GAP = 0.05
+
+
+def opened(element: str = "P1", close: float | None = 0.1, terms=(), h=(0.125, 0.1)) -> fc.System:
+    """Two halves of a strip with 5 cm between them, held at both ends, and a seam."""
+    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=size, element=element) for size in h)
+    cloth = fc.Cloth.join([a, replace(b, X=b.X + (0.5 + GAP, 0.0))], names=["a", "b"])
+    seam = fc.Seam("a.right", "b.left", close=close)
+    pins = [fc.Pin("a/left"), fc.Pin("b/right")]
+    return fc.System(cloth, FABRIC, [fc.StVK(), *terms], pins=pins, seams=[seam])
+
+
+def share(s: float) -> float:
+    """1 − s³ (10 − 15 s + 6 s²)."""
+    return 1 - s**3 * (10 - 15 * s + 6 * s**2)
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+@pytest.mark.parametrize(
+    ("method", "dt"),
+    [(fc.BackwardEuler(), 1e-3), (fc.BDF2(), 1e-3), (fc.ImplicitMidpoint(), 1e-3)]
+    + [(fc.CentralDifference(), 1e-5)],
+    ids=lambda value: str(value)[:12],
+)
+def test_a_gap_closes_in_time_and_its_work_is_in_the_ledger(method, dt):
+    system = opened(terms=[fc.StrainRateDamping(time=0.01)])
+    gap = "gap:a.right"
+    result = fc.run(system, method, system.rest(), dt=dt, t_end=0.12)
+    t = result.times
+    expected = [GAP * share(min(time / 0.1, 1.0)) for time in t]
+    np.testing.assert_allclose(result.observed[gap], expected, atol=1e-12)
+    assert not system.constraints.followers.gap(result.state.x).any()
+    work = result.energies["work:seams"][-1]
+    stored = result.energies["StVK"][-1]
+    assert work > stored > 0.5 * 1000.0 * 0.25 * GAP**2
+    largest = np.abs(result.energies["remainder"]).max()
+    assert largest < 1e-4 * work
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+def test_the_remainder_of_closing_falls_with_the_step():
+    """By the trapezoidal rule the work has an error of order 2."""
+    remainders = []
+    for dt in (2e-3, 1e-3, 5e-4):
+        system = opened()
+        result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt=dt, t_end=0.1)
+        remainders.append(abs(result.energies["remainder"][-1]))
+    orders = np.log2(np.divide(remainders[:-1], remainders[1:]))
+    assert orders.min() > 1.5
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_load_steps_close_a_seam(element):
+    """The halves are then one strip that is stretched by 5 cm: with ν = 0 its stress is known."""
+    system = opened(element, close=1.0).replace(fabric=replace(FABRIC, poisson_ratio=0.0))
+    equilibrium = fc.equilibrium(system, system.rest(), load_steps=4, tolerance=1e-11)
+    x = equilibrium.x
+    assert np.abs(system.constraints.followers.gap(x)).max() < 1e-15
+    X = system.cloth.X
+    stretch = (1 + GAP) / 1.0
+    along = np.where(X[:, 0] > 0.51, X[:, 0] - GAP, X[:, 0]) * stretch
+    np.testing.assert_allclose(x, np.column_stack([along, X[:, 1], 0 * along]), atol=1e-9)
+
+
+def test_an_open_seam_without_a_time_is_refused():
+    with pytest.raises(InputError, match=r"open by 0\.05 m.*close"):
+        fc.equilibrium(opened(close=None), opened().rest())
+    # two triangles of a tube that is not rolled up
+    strip = fc.Cloth.rectangle(1.0, 0.25, h=0.125)
+    system = fc.System(strip, FABRIC, [fc.StVK()], seams=[fc.Seam("left", "right", reverse=True)])
+    angle = 2 * np.pi * strip.X[:, 0]
+    x = np.column_stack([np.cos(angle), np.sin(angle), 2 * np.pi * strip.X[:, 1]]) / (2 * np.pi)
+    with pytest.raises(InputError, match="closed with reverse = false"):
+        fc.run(system, fc.BackwardEuler(), system.state(x), dt=0.1, t_end=0.1)
+
+
+def test_a_continued_run_closes_as_one_run():
+    """The state alone says how far a seam is open: a run that goes on has the same bits."""
+    system = opened()
+    method = fc.SymplecticEuler()
+    whole = fc.run(system, method, system.rest(), dt=1e-4, t_end=0.02).state
+    half = fc.run(system, method, system.rest(), dt=1e-4, t_end=0.01).state
+    rest = fc.run(system, method, half, dt=1e-4, t_end=0.02).state
+    np.testing.assert_allclose(rest.x, whole.x, rtol=0, atol=1e-15)

@@ -1,0 +1,105 @@
+"""What a seam does across its edges: a hinge, a spring, or the plate that goes on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth import verify
+from fecloth.errors import InputError
+
+FABRIC = fc.Fabric(0.2, 1000.0, poisson_ratio=0.3, bending_rigidity=(1e-2, 2e-2))
+
+
+def shifted(cloth: fc.Cloth, X: float) -> fc.Cloth:
+    return replace(cloth, X=cloth.X + (X, 0.0))
+
+
+def strips(element: str, gap: float = 0.0, turned: bool = False) -> tuple[fc.Cloth, fc.Cloth]:
+    """A strip of 1 m, and the same one cut in two; the halves lie apart by a gap."""
+    whole = fc.Cloth.rectangle(1.0, 0.25, h=0.125, pattern="cross", element=element)
+    half = fc.Cloth.rectangle(0.5, 0.25, h=0.125, pattern="cross", element=element)
+    return whole, fc.Cloth.join([half, shifted(half, 0.5 + gap)], names=["a", "b"])
+
+
+def sorted_by_place(X: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    places = np.round(X[nodes], 9)
+    return nodes[np.lexsort((places[:, 1], places[:, 0]))]
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("bending", [fc.PlateBending(), fc.HingeBending()], ids=["plate", "hinge"])
+def test_the_plate_goes_on_across_a_seam_of_cloth(element, bending):
+    """The pieces lie 0.3 m apart on the flat cloth."""
+    if element == "P2" and isinstance(bending, fc.HingeBending):
+        pytest.skip("HingeBending is for P1")
+    whole, cut = strips(element, gap=0.3)
+    terms = [fc.StVK(), bending, fc.Gravity((0, 0, -9.81))]
+    ends = []
+    for cloth, pin, seams in (
+        (whole, "left", ()),
+        (cut, "a/left", [fc.Seam("a.right", "b.left", stiffness="cloth")]),
+    ):
+        system = fc.System(cloth, FABRIC, terms, pins=[fc.Pin(pin)], seams=seams)
+        place = cloth.X - np.where(cloth.X[:, :1] > 0.6, 0.3, 0.0) * (1, 0) if seams else cloth.X
+        x = np.column_stack([place, 0.05 * np.sin(3 * place[:, 0])])
+        start = system.state(system.constraints.followers.follow(x))
+        result = fc.run(
+            system, fc.BDF2(), start, dt=1e-3, t_end=5e-3, newton=fc.Newton(tolerance=1e-12)
+        )
+        own = np.setdiff1d(np.arange(len(x)), system.constraints.followers.nodes)
+        nodes = sorted_by_place(place, own)
+        ends.append((result.state.x[nodes], system.energies(start)[type(bending).__name__]))
+    (x, energy), (x_sewn, energy_sewn) = ends
+    assert energy_sewn == pytest.approx(energy, rel=1e-12)
+    np.testing.assert_allclose(x_sewn, x, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("h", [(0.125, 0.125), (0.125, 0.07)], ids=["matching", "not matching"])
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_the_energy_of_a_folded_seam_is_its_closed_form(element, h):
+    """½ k l (θ − θ₀)² of two flat halves at the angle θ."""
+    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=size, pattern="right", element=element) for size in h)
+    cloth = fc.Cloth.join([a, shifted(b, 0.5)], names=["a", "b"])
+    for seam in (
+        fc.Seam("a.right", "b.left", stiffness=3.0, angle=0.2),
+        fc.Seam("b.left", "a.right", stiffness=3.0, angle=0.2),
+    ):
+        system = fc.System(cloth, FABRIC, [fc.StVK()], seams=[seam])
+        fold = 0.7
+        X, Y = cloth.X.T
+        beyond = np.maximum(X - 0.5, 0.0)
+        x = np.column_stack([np.minimum(X, 0.5) + beyond * np.cos(fold), Y, beyond * np.sin(fold)])
+        energies = system.energies(system.state(x))
+        assert energies["SeamBending"] == pytest.approx(0.5 * 3.0 * 0.25 * 0.5**2, rel=1e-12)
+        assert energies["StVK"] == pytest.approx(0.0, abs=1e-18)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_seam_bending_passes_the_slope_test(element):
+    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=h, element=element) for h in (0.125, 0.08))
+    cloth = fc.Cloth.join([a, shifted(b, 0.5)], names=["a", "b"])
+    seam = fc.Seam("a.right", "b.left", stiffness=3.0, angle=0.2)
+    random = np.random.default_rng(1)
+    X, Y = cloth.X.T
+    x = np.column_stack([X, Y, 0.3 * np.maximum(X - 0.5, 0.0)])
+    x += 0.01 * random.standard_normal(x.shape)
+    states = [("folded", x, random.standard_normal(x.shape))]
+    verify.check_term(seam.bending(cloth), cloth, FABRIC, states=states)
+
+
+def test_plates_that_cannot_go_on_are_refused():
+    _, cut = strips("P1")
+
+    def sewn(*edges):
+        seam = fc.Seam(*edges, stiffness="cloth")
+        return fc.System(cut, FABRIC, [fc.StVK(), fc.PlateBending()], seams=[seam])
+
+    with pytest.raises(InputError, match="on the same side"):
+        sewn("a.left", "b.left")
+    with pytest.raises(InputError, match="parallel"):
+        sewn("a.bottom", lambda X: (X[:, 0] > 0.5) & ((X[:, 1] < 1e-9) | (X[:, 0] > 1 - 1e-9)))
+    with pytest.raises(InputError, match="must be >= 0"):
+        fc.Seam("a.left", "b.left", stiffness="tight")

@@ -1,0 +1,143 @@
+"""Tubes, cones and cushions that are sewn, held against closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.mesh.surface import Enclosure
+
+R = 0.1
+HEIGHT = 0.1
+FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.0)
+
+
+def tube(element: str, pieces: int, h: tuple[float, ...]) -> tuple[fc.Cloth, np.ndarray, list]:
+    """A cloth that is rolled up to a tube, its positions, and its seams.
+
+    Several pieces have triangles of different sizes, so that their edges do not match.
+    """
+    width = 2 * np.pi * R / pieces
+    sheets = []
+    for number in range(pieces):
+        sheet = fc.Cloth.rectangle(width, HEIGHT, h=h[number], pattern="cross", element=element)
+        sheets.append(replace(sheet, X=sheet.X + (number * width, 0.0)))
+    if pieces == 1:
+        cloth, seams = sheets[0], [fc.Seam("left", "right")]
+    else:
+        cloth = fc.Cloth.join(sheets, names=["a", "b"])
+        seams = [fc.Seam("a.right", "b.left"), fc.Seam("a.left", "b.right")]
+    angle = cloth.X[:, 0] / R
+    x = np.column_stack([R * np.cos(angle), R * np.sin(angle), cloth.X[:, 1]])
+    return cloth, x, seams
+
+
+def on_angles(cloth: fc.Cloth, *angles: float) -> np.ndarray:
+    turns = np.exp(1j * cloth.X[:, 0] / R)
+    near = np.abs(turns[:, None] - np.exp(1j * np.array(angles))) < 1e-9
+    return np.flatnonzero(near.any(axis=1))
+
+
+def blown_up(element: str, pieces: int, h: tuple[float, ...]) -> float:
+    """The mean radius of the tube under p = 2 kPa [m]."""
+    cloth, x, seams = tube(element, pieces, h)
+    ends = np.flatnonzero(np.isin(cloth.X[:, 1], (0.0, HEIGHT)))
+    pins = [
+        fc.Slide(np.setdiff1d(ends, on_angles(cloth, 0, np.pi, np.pi / 2)), normal=(0, 0, 1)),
+        fc.Slide(np.intersect1d(ends, on_angles(cloth, 0, np.pi)), direction=(1, 0, 0)),
+        fc.Slide(np.intersect1d(ends, on_angles(cloth, np.pi / 2)), direction=(0, 1, 0)),
+    ]
+    terms = [fc.StVK(), fc.Pressure(2e3)]
+    system = fc.System(cloth, FABRIC, terms, pins=pins, seams=seams)
+    found = fc.equilibrium(system, system.state(x), tolerance=1e-10)
+    return float(np.hypot(found.x[:, 0], found.x[:, 1]).mean())
+
+
+@pytest.mark.parametrize(("element", "pieces"), [("P1", 1), ("P1", 2), ("P2", 2)])
+def test_a_sewn_tube_under_pressure_has_its_elastic_radius(element, pieces):
+    """Hoop tension p r = λ S, S = Y (λ² − 1)/2: λ² = 1 + 2 p R/Y for ν = 0, with order 2."""
+    expected = R * np.sqrt(1 + 2 * 2e3 * R / 1000.0)
+    errors = []
+    for n in (12, 24):
+        h = 2 * np.pi * R / n
+        radius = blown_up(element, pieces, (h, 0.7 * h))
+        errors.append(abs(radius / expected - 1))
+    assert errors[-1] < 0.01
+    assert np.log2(errors[0] / errors[1]) > 1.7
+
+
+def sector(angle: float, n: int) -> fc.Cloth:
+    """A sector of radius 0.2 m with straight edges "begin" and "end", symmetric to Y = 0."""
+    rows = [np.array([[0.0, 0.0]])]
+    for i in range(1, n + 1):
+        phi = np.linspace(-angle / 2, angle / 2, 3 * n + 1)
+        rows.append(0.2 * i / n * np.column_stack([np.cos(phi), np.sin(phi)]))
+    X = np.concatenate(rows)
+    columns = 3 * n + 1
+
+    def node(i, j):
+        return 1 + (i - 1) * columns + j
+
+    triangles = [(0, node(1, j), node(1, j + 1)) for j in range(3 * n)]
+    for i in range(1, n):
+        for j in range(3 * n):
+            a, b, c, d = node(i, j), node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)
+            triangles += [(a, b, c), (a, c, d)]
+    sets = {
+        "begin": [0, *(node(i, 0) for i in range(1, n + 1))],
+        "end": [0, *(node(i, 3 * n) for i in range(1, n + 1))],
+    }
+    return fc.Cloth.from_arrays(X, triangles, sets=sets)
+
+
+def test_a_sector_that_is_sewn_is_a_cone():
+    """Of the angle α of the sector: sin φ = α/(2π). Its points keep their distances."""
+    alpha = np.pi
+    energies = []
+    for n in (6, 12):
+        cloth = sector(alpha, n)
+        seam = fc.Seam("begin", "end")
+        system = fc.System(cloth, replace(FABRIC, bending_rigidity=1e-6), [fc.StVK()], seams=[seam])
+        r = np.linalg.norm(cloth.X, axis=1)
+        turn = np.arctan2(cloth.X[:, 1], cloth.X[:, 0]) * 2 * np.pi / alpha
+        sine = alpha / (2 * np.pi)
+        height = -r * np.sqrt(1 - sine**2)
+        x = np.column_stack([r * sine * np.cos(turn), r * sine * np.sin(turn), height])
+        assert np.abs(system.constraints.followers.gap(x)).max() < 1e-15
+        assert len(system.constraints.followers.nodes) == n  # the apex is one node already
+        energies.append(system.energies(system.state(x))["StVK"])
+    # strains of chords are of order h²
+    assert np.log2(energies[0] / energies[1]) == pytest.approx(4.0, abs=0.3)
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+@pytest.mark.parametrize("h", [(0.05, 0.05), (0.05, 0.04)], ids=["matching", "not matching"])
+def test_a_cushion_with_gas_keeps_its_balances(h):
+    """p V^γ stays, the energies balance, and no force is left over: the surface is closed."""
+    front, back = (fc.Cloth.rectangle(0.4, 0.4, h=size) for size in h)
+    cloth = fc.Cloth.join([front, back], names=["front", "back"])
+    X, Y = cloth.X.T
+    is_front = np.isin(np.arange(len(X)), cloth.nodes("front"))
+    dome = 0.04 * X * (0.4 - X) * Y * (0.4 - Y) / 0.04**2
+    x = np.column_stack([X, np.where(is_front, Y, 0.4 - Y), np.where(is_front, dome, -dome)])
+    seams = [
+        fc.Seam("front.left", "back.left", reverse=True),
+        fc.Seam("front.right", "back.right", reverse=True),
+        fc.Seam("front.bottom", "back.top"),
+        fc.Seam("front.top", "back.bottom"),
+    ]
+    volume = Enclosure.from_triangles(cloth.cells, len(x)).volume(x)
+    gas = fc.Gas(pressure=102e3, volume=volume)
+    terms = [fc.StVK(), gas, fc.StrainRateDamping(time=0.01)]
+    system = fc.System(cloth, FABRIC, terms, seams=seams)
+    result = fc.run(system, fc.ImplicitMidpoint(), system.state(x), dt=2e-4, t_end=0.02)
+    bound = dict(system.named)["Gas"]
+    V = bound.volume(result.state.x)
+    assert 1.003 * volume < V
+    f = np.zeros_like(x)
+    bound.add_force(result.state.x, result.state.v, 0.0, f)
+    largest = np.abs(f).sum()
+    assert np.abs(f.sum(axis=0)).max() < (1e-12 if h[0] == h[1] else 1e-3) * largest
+    moved = result.energies["kinetic"].max() + np.ptp(result.energies["Gas"])
+    assert np.abs(result.energies["remainder"]).max() < 0.02 * moved
