@@ -26,7 +26,8 @@ HERE = Path(__file__).parent
 NUMBERS = "predicted", "measured", "score", "score of a constant"
 FOLDERS = {  # with what each says of the law, in a sentence
     "nylon": "StVK, fitted at 0, 45 and 90° to the grain, is 20 % too stiff at 75°.",
-    "knits": "Constants of one knit are wrong by 2 to 9 times for another.",
+    "knits": "Constants of one knit are wrong by 2 to 9 times for another. Of garter no curve is "
+    "told: its width hardly changes, and one spread of specimens serves forces and widths.",
     "bias": "A measured shear curve is met between its points, and is not known beyond its end.",
     "drape": "KES numbers tell the drape coefficient of an elastic cloth within 6 points.",
 }

@@ -254,7 +254,14 @@ def write(options: Any, rows: Rows) -> int:
             ),
         ]
     hidden = "specimens", "law", "both"
-    shown = [{key: cell for key, cell in row.items() if key not in hidden} for row in rows]
+    shown = [
+        {
+            key: None if isinstance(cell, float) and math.isnan(cell) else cell
+            for key, cell in row.items()
+            if key not in hidden
+        }
+        for row in rows
+    ]
     apart = [row for row in shown if row["left out"] != "repeat"]
     title, what = harness.about(__doc__)
     return harness.write_report(
