@@ -277,7 +277,7 @@ class Search:
         return moved
 
 
-def search(fitting: Fitting, starts: int, loss: str) -> tuple[Evaluation, int]:
+def search(fitting: Fitting, starts: int, loss: str = "linear") -> tuple[Evaluation, int]:
     """Search from the given start and from others.
 
     Return the end with the least misfit, and the number of starts that end at the same place.
