@@ -107,29 +107,6 @@ def test_a_value_of_a_wrong_type_is_an_input_error_with_the_argument(target):
             target(**right | {name: object()})
 
 
-@pytest.mark.parametrize(
-    ("call", "text"),
-    [
-        (lambda: fc.Wind((5, 0, 0)), "Wind: normal is missing: it needs velocity .m/s., normal,"),
-        (
-            lambda: fc.Pressure(),
-            "Pressure: p.* is missing: .* .Pa., and it may have tangent$",
-        ),
-        (lambda: fc.Wind((5, 0, 0), 1, tangental=1), "'tangental' is unknown.*mean 'tangential'"),
-        (lambda: fc.Fabric(), "areal_density and tensile_stiffness are missing"),
-        (lambda: fc.StVK("pointwise", strain="pointwise"), "strain is given twice"),
-        (lambda: fc.BDF2(3), "BDF2: 3 is a value too many: it takes no arguments$"),
-        (lambda: fc.run(1, 2, 3, tend=1), "run: argument 'tend' is unknown.*mean 't_end'"),
-        (lambda: fc.Probe("p", (0.5, 0.25)), r"A place is point = \(0.5, 0.25\)"),
-        (lambda: fc.Cloth.disk("2 kg", 0.1), "disk: radius = '2 kg': must be .* units m, cm"),
-        (lambda: fc.Cloth.disk("wide", 0.1), "radius = 'wide': must be a finite length"),
-    ],
-)
-def test_the_message_says_what_does_not_fit(call, text):
-    with pytest.raises(fc.InputError, match=text):
-        call()
-
-
 def test_lengths_and_times_may_be_texts_with_units(tmp_path):
     cloth = fc.Cloth.rectangle("100 cm", "50 cm", h="250 mm", pattern="right")
     assert np.array_equal(cloth.X, fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right").X)

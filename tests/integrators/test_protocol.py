@@ -26,21 +26,6 @@ def lacks(made, one):
     return [name for name in members(one) if not hasattr(made, name)]
 
 
-@pytest.mark.parametrize(
-    ("traits", "said"),
-    [
-        ({"order": 1.5}, "order = 1.5: must be an integer >= 0"),
-        ({"order": -1}, "order = -1: must be"),
-        ({"order": True}, "order = True: must be"),
-        ({"order": 1, "theta": 1.1}, "theta = 1.1: must be from 0 to 1"),
-        ({"order": 1, "theta": "half"}, "theta = 'half': must be"),
-    ],
-)
-def test_traits_out_of_range_are_refused(traits, said):
-    with pytest.raises(fc.InputError, match=said):
-        MethodTraits(**traits)
-
-
 @pytest.mark.parametrize("cls", METHODS.values())
 def test_implicit_methods_are_integrators(cls):
     assert members(Integrator) == {"traits", "step", "numerical"}

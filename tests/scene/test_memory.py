@@ -71,7 +71,6 @@ def compiled(tmp_path_factory):
         ("explicit", "P2", PLATE, 10_000, "right"),
         ("pcg", "P1", BENDING, 40_000, "right"),
         ("pcg", "P1", "", 20_000, "cross"),
-        ("direct", "P1", BENDING, 2_000, "right"),
         ("direct", "P2", "", 10_000, "right"),
     ],
 )

@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.nonlinear.newton import NewtonFailed
-from fecloth.simulation.stability_limited import StabilityLimited
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -176,28 +175,6 @@ def test_the_balance_of_adaptive_steps_closes(swing):
     energies = result.energies
     turnover = energies["kinetic"][-1] + energies["dissipated:StrainRateDamping"][-1]
     assert abs(energies["remainder"][-1]) < 1e-8 * turnover
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: fc.Adaptive(fc.BDF2(), rtol=-1.0), "rtol = -1.0: must be a number >= 0"),
-        (lambda: fc.Adaptive(fc.BDF2(), rtol=0.0), "rtol = atol = 0: one of them must be > 0"),
-        (lambda: fc.Adaptive(fc.BDF2(), atol="1"), "atol = '1': must be a number >= 0"),
-        (lambda: fc.Adaptive(fc.BDF2), "must be a method such as BDF2"),
-        (lambda: fc.Adaptive(fc.Adaptive(fc.BDF2())), "must be a method such as BDF2"),
-        (lambda: fc.Adaptive(fc.Auto()), "none that chooses its own steps"),
-        (
-            lambda: fc.Adaptive(StabilityLimited(fc.CentralDifference())),
-            "none that chooses its own steps",
-        ),
-        (lambda: fc.Adaptive(fc.Newmark(0.3, 0.6)), "gamma=0.6, .*: has no estimate"),
-        (lambda: fc.Adaptive(fc.ForwardEuler()), "has no stable step to choose"),
-    ],
-)
-def test_refusals(make, message):
-    with pytest.raises(fc.InputError, match=message):
-        make()
 
 
 def test_a_dt_beside_it_is_refused(swing):

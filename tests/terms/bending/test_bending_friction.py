@@ -310,12 +310,6 @@ def test_a_fabric_that_lacks_a_constant_is_refused(given, said):
         _ = fc.System(cloth, lacks, [fc.BendingFriction()]).bound
 
 
-@pytest.mark.parametrize("stiffness", [0.0, -1.0, np.nan, "a"])
-def test_a_stiffness_that_is_not_positive_is_refused(stiffness):
-    with pytest.raises(fc.InputError, match="stiffness"):
-        fc.BendingFriction(stiffness)
-
-
 @pytest.mark.parametrize("hysteresis", [-1e-4, np.nan, (1e-4, -1e-4), 1e13])
 def test_a_wrong_hysteresis_is_refused(hysteresis):
     with pytest.raises(fc.InputError, match="bending_hysteresis = .*must be"):

@@ -236,19 +236,3 @@ def test_work_is_in_the_ledger(follow, isotropic):
 
 
 # --- what is refused ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({}, "no force"),
-        ({"force": (1, 2, 3), "normal": 1.0}, "force and normal"),
-        ({"force": (1, 2)}, "must be three numbers"),
-        ({"normal": "x"}, "unknown name"),
-        ({"normal": float("nan")}, "normal = nan"),
-        ({"force": (1, 2, 3), "follow": "yes"}, "must be True or False"),
-    ],
-)
-def test_refused(arguments, words):
-    with pytest.raises(InputError, match=words):
-        fc.EdgeForce("right", **arguments)

@@ -214,34 +214,6 @@ def test_a_kes_sheet_has_its_force_extension_and_work(linearity):
     assert table.shear[-1] == pytest.approx((np.radians(8), G * np.radians(8)))
 
 
-REFUSED = [
-    ({"warp": [(1.1, 3.0), (1.2, 3.2)]}, r"warp, row 2: S = force/stretch = 2.66667 after 2.727"),
-    ({"warp": [(1.1, 3.0), (1.1, 3.5)]}, r"warp, row 2: stretch = 1.1 after 1.1: must rise"),
-    ({"weft": [(1.0, 0.5), (1.1, 3.0)]}, r"weft, row 1: stretch = 1, force = 0.5 N/m: must begin"),
-    ({"weft": [(0.9, -1.0), (1.1, 3.0)]}, r"weft, row 1: stretch = 0.9"),
-    ({"shear": [(0.3, 1.0), (1.58, 9.0)]}, r"shear, row 2: angle = 1.58: must be below π/2"),
-    ({"shear": [(0.3, 1.0), (0.6, 0.8)]}, r"shear, row 2: S = force/cos\(angle\)"),
-    ({"warp": [1.0, 2.0]}, r"warp = .*: must be a file, a KES sheet, or rows of stretch and force"),
-    ({"warp": []}, r"warp = .*must be a file"),
-    ({"warp": [(1.0, 0.0)]}, r"warp, row 1: stretch = 1, force = 0 N/m: .*have a second row"),
-    ({"warp": [(1.1, np.nan)]}, r"line 1, column 'force': nan: must be a finite number"),
-    ({"warp": {"stretch": [1.1], "load": [3.0]}}, r"column 'force': is not in the file"),
-    ({"warp": "no.csv"}, r"no.csv: no such file"),
-    ({"warp": {"EMT": 4.0}}, r"LT is missing"),
-    ({"warp": {"EMT": 4.0, "LT": 1.95}}, r"LT = 1.95: must lie between 0.1 and 1.9"),
-    ({"warp": {"EMT": 4.0, "LT": 0.6, "load": -500.0}}, r"load = -500.0: must be finite and > 0"),
-    ({"shear": {"EMT": 4.0}}, r"G is missing"),
-    ({"poisson": 1.0}, r"poisson = 1.0: must lie between -1 and 1"),
-    ({"strain": "mean"}, r"strain = 'mean'"),
-]
-
-
-@pytest.mark.parametrize(("given", "words"), REFUSED)
-def test_what_is_no_curve_is_refused_with_its_row(given, words):
-    with pytest.raises(InputError, match=words):
-        fc.MembraneTable(**given)
-
-
 @pytest.mark.parametrize(("name", "most"), [("warp", 4.0), ("weft", 4.0), ("shear", np.pi / 2)])
 def test_percent_and_degrees_are_refused(name, most):
     """Stretches from 4 on, and angles from π/2 on."""
