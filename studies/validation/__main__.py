@@ -160,7 +160,10 @@ def draw(chosen: Sequence[Comparison]) -> Figure:
 
 
 def write_page(rows: Sequence[dict[str, Any]], chosen: Sequence[Comparison]) -> str:
-    folders = "\n".join(f"- [{name}]({name}/README.md): {words}" for name, words in FOLDERS.items())
+    folders = "\n".join(
+        f"- [{name}]({name}/README.md): {words}" if name != "nylon" else f"- {name}: {words}"
+        for name, words in FOLDERS.items()
+    )
     parts = [
         ABOUT.strip(),
         "## Specimens left out",
