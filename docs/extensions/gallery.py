@@ -23,6 +23,8 @@ PICTURES = {  # of each scene: how it is drawn
     "sag": "--field height --size 640x480",
     "hanging_strip": "--field larger_stretch --size 640x480",
     "lifted_strip": "--field checks --size 640x480",
+    "sleeve": "--field checks --size 640x480",
+    "cushion": "--field checks --size 640x480",
 }
 
 SEEN = {  # in each picture

@@ -17,6 +17,7 @@ import scipy.sparse as sparse
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.contact.friction import Sliding
 from fecloth.terms.contact.guess import Way
+from fecloth.terms.contact.shape import TimeDifference
 from fecloth.terms.contact.touches import Touches
 from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.records import remembered
@@ -94,11 +95,10 @@ class BoundContact(BoundTerm):
         """
         raise NotImplementedError
 
-    def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[Sliding]:
+    def lag(self, x: np.ndarray, t: float, difference: TimeDifference | None) -> Sequence[Sliding]:
         """What slides at the positions x (n, 3) and the time t.
 
-        The velocity of the surface is its mean from t to t + dt, also for dt < 0. For dt = None
-        it is the velocity at t.
+        The velocity of the surface is by the `difference`, or with None that at t.
         """
         raise NotImplementedError
 
@@ -255,12 +255,12 @@ class ContactOverStep(BoundTerm):
             return ()
         step = self.step
         end = self.end
+        difference = difference_in_time(step)
         if not step.increment:
-            return self.contact.lag(self.last.place, step.t, dt=step.dt)
+            return self.contact.lag(self.last.place, step.t, difference)
         if step.increment.place is None:
-            return self.contact.lag(step.start, step.t, dt=end - step.t)
-        # Seen from the end, the increment is passed backwards: dt < 0.
-        return self.contact.lag(step.increment.place, end, dt=step.t - end)
+            return self.contact.lag(step.start, step.t, difference)
+        return self.contact.lag(step.increment.place, end, difference)
 
     @cached_property
     def past(self) -> Sequence[np.ndarray]:
@@ -297,15 +297,18 @@ class ContactOverStep(BoundTerm):
     def dissipation(self, x: np.ndarray) -> float:
         """Return the energy [J] that friction dissipates in a step that ends at x.
 
-        It is dt Σ μ λ f₁(y) y, with the mean velocity over the step.
+        It is dt Σ μ λ f₁(y) y, with the mean velocities over the step.
         """
         power = 0.0
-        start = self.step.start
-        dt = self.step.dt
-        for sliding in self.sliding:
-            way = sliding.values(x) - sliding.values(start)
-            power += sliding.power(sliding.slip(way / dt))
-        return dt * power
+        step = self.step
+        sliding = self.sliding
+        if self.contact.supplies and not step.increment:  # what it slides on moves
+            mean = mean_in_time(step)
+            sliding = self.contact.lag(self.last.place, step.t, mean)
+        for each in sliding:
+            way = each.values(x) - each.values(step.start)
+            power += each.power(each.slip(way / step.dt))
+        return step.dt * power
 
     def work(self, x: np.ndarray) -> float:
         """Return the work [J] of the body on the cloth over the step; 0 without a body.
@@ -328,3 +331,26 @@ class ContactOverStep(BoundTerm):
     def way(self, t: float) -> Way:
         begin = self.contact.begin(self.step, t)
         return Way(contact=self.contact, begin=begin, start=self.step.start, t=t)
+
+
+def difference_in_time(step: StepDifference) -> TimeDifference:
+    """The method's difference of a function of time, for what the cloth slides on.
+
+    The first of the places of `past` is the begin of the step. A second one, of BDF2, is before
+    it: where the difference of the time itself is 1. Over an increment of the loads it is the
+    mean from its begin to its end, and nothing if it has no size.
+    """
+    end = step.end
+    if step.increment and end == step.t:
+        return ()
+    if step.increment or len(step.past) != 2:
+        return mean_in_time(step)
+    (at_begin, _), (before, _) = step.past
+    time_before = step.t + (step.dt - step.h) / before
+    return (1 / step.h, end), (-at_begin / step.h, step.t), (-before / step.h, time_before)
+
+
+def mean_in_time(step: StepDifference) -> TimeDifference:
+    """The mean rate of a function of time over the step."""
+    size = step.end - step.t
+    return (1 / size, step.end), (-1 / size, step.t)

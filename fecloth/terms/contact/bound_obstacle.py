@@ -16,7 +16,7 @@ from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
 from fecloth.terms.contact.friction import SlidingPoints, along
 from fecloth.terms.contact.inside import refuse_inside
 from fecloth.terms.contact.points import Contacts, Points
-from fecloth.terms.contact.shape import Shape
+from fecloth.terms.contact.shape import Shape, TimeDifference
 from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.contact.touches import Touches, rows_of
 from fecloth.terms.last_states import LastStates
@@ -150,10 +150,12 @@ class BoundObstacle(BoundContact):
             K -= self.normal_force(contacts)[:, None, None] * hessian
         return K
 
-    def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingPoints]:
+    def lag(
+        self, x: np.ndarray, t: float, difference: TimeDifference | None
+    ) -> Sequence[SlidingPoints]:
         """Return the points that slide at x and t: a `SlidingPoints` for each kind that touches.
 
-        The velocity of the surface is its mean from t to t + dt; for dt = None that at t.
+        The velocity of the surface is by the `difference`, or with None that at t.
         """
         pose = self.shape.pose(t)
         all_sliding = []
@@ -161,12 +163,15 @@ class BoundObstacle(BoundContact):
             gradient, _ = contacts.slopes
             # The length of ∇d is not 1 where the distance is a formula.
             gradient_length = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
-            places = pose.to_space(contacts.y)
+            if difference is None:
+                surface = self.shape.velocity(pose.to_space(contacts.y), t)
+            else:
+                surface = self.shape.velocity_by(contacts.y, difference)
             sliding = SlidingPoints(
                 contacts=contacts,
                 limit=self.friction * self.normal_force(contacts) * gradient_length,
                 n=gradient / gradient_length[:, None],
-                surface=self.shape.mean_velocity(contacts.y, places, t, dt),
+                surface=surface,
                 eps=self.creep,
             )
             all_sliding.append(sliding)
@@ -183,7 +188,7 @@ class BoundObstacle(BoundContact):
             return
         _, angular_velocity, _ = self.shape.rates(t)
         spin = np.cross(angular_velocity, np.eye(3)).T  # ∂(ω × x)/∂x
-        for sliding in self.lag(x, t, dt=None):
+        for sliding in self.lag(x, t, None):
             contacts = sliding.contacts
             change = -self.friction * self.push_tangent(contacts, definite=False)
             K = sliding.stiffness(sliding.values(v), change, spin)

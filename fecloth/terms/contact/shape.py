@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, NamedTuple
@@ -57,6 +58,9 @@ class AtRest(Pose):
 
     def to_space(self, y: np.ndarray) -> np.ndarray:
         return y
+
+
+TimeDifference = Sequence[tuple[float, float]]  # (c [1/s], t [s]), … with Σ c = 0, Σ c t = 1
 
 
 class Skeleton(NamedTuple):
@@ -187,18 +191,16 @@ class Shape:
         velocity, omega, point_on_axis = self.rates(t)
         return velocity + np.cross(omega, x - point_on_axis)
 
-    def mean_velocity(self, y: np.ndarray, x: np.ndarray, t: float, dt: float | None) -> np.ndarray:
-        """Return the mean velocity (m, 3) [m/s] of points of the body from t to t + dt.
+    def velocity_by(self, y: np.ndarray, difference: TimeDifference) -> np.ndarray:
+        """Return the velocity (m, 3) [m/s] of points of the body by a difference in time.
 
-        The points are at y (m, 3) in the frame of the body, and at the time t at x (m, 3) in
-        space. With dt = None it is the velocity at t. With dt = 0 it is 0, as nothing moves in
-        no time.
+        It is Σ c x(t) of their places x in space. The points are at y (m, 3) in the frame of the
+        body.
         """
-        if dt is None:
-            return self.velocity(x, t)
-        if dt == 0.0:
-            return np.zeros_like(x)
-        return (self.pose(t + dt).to_space(y) - x) / dt
+        velocity = np.zeros_like(y)
+        for c, t in difference:
+            velocity += c * self.pose(t).to_space(y)
+        return velocity
 
 
 AT_REST = AtRest()

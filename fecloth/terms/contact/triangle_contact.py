@@ -16,7 +16,7 @@ from fecloth.terms.contact import barrier
 from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
 from fecloth.terms.contact.friction import CREEP_OVER_EXTENT
 from fecloth.terms.contact.inside import MOST_NAMED
-from fecloth.terms.contact.shape import Shape
+from fecloth.terms.contact.shape import Shape, TimeDifference
 from fecloth.terms.contact.sliding_triangles import SlidingTriangles, turn, turn_matrix
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.contact.touches import Touches
@@ -120,15 +120,19 @@ class BoundTriangleContact(BoundContact):
             return None
         return sum(matrices[1:], start=matrices[0])
 
-    def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingTriangles]:
+    def lag(
+        self, x: np.ndarray, t: float, difference: TimeDifference | None
+    ) -> Sequence[SlidingTriangles]:
         """Return what slides at x (n, 3) and the time t, in a list of one entry.
 
-        The velocity of the surface is its mean from t to t + dt; for dt = None that at t.
+        The velocity of the surface is by the `difference`, or with None that at t.
         """
         y = self.place(x, t)
         surface: np.ndarray | float = 0.0
         if self.body is not None:
-            surface = self.body.mean_velocity(y, x, t, dt)
+            surface = self.body.velocity(x, t)
+            if difference is not None:
+                surface = self.body.velocity_by(y, difference)
         lagged = self.sets.lag(y, self.friction)
         sliding = SlidingTriangles(
             sets=self.sets,
