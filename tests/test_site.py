@@ -133,7 +133,7 @@ def test_the_reference_has_every_public_name(pages):
 
 
 def test_formulas_and_the_fields_of_results_are_shown(pages):
-    terms, runs = pages["api/names/Springs.html"], pages["api/names/Result.html"]
+    terms, runs = pages["api/names/BaraffWitkin.html"], pages["api/names/Result.html"]
     assert "½ k_u (|w_u| − b_u)²" in re.sub(r"<[^>]*>", "", terms)
     assert "Wall seconds by phase" in runs
     assert "Annotated" not in terms + runs
@@ -161,6 +161,18 @@ def test_the_gallery_has_a_picture_and_the_commands_of_each_scene(pages):
     assert set(re.findall(r"fecloth render out/(\w+) -o \1\.png --field", text)) == scenes
     pictures = re.findall(r"<img [^>]*src=\"_images/(\w+)\.png\"", pages["gallery.html"])
     assert sorted(pictures) == sorted(2 * list(scenes))  # a thumbnail and a picture of each
+
+
+def test_the_package_index_can_follow_every_link(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs" / "extensions")
+    text = import_module("absolute_links").absolute(read("README.md"), "https://host/repo")
+    links = re.findall(r"\]\(([^)]*)\)", text)
+    assert len(links) > 20
+    for link in links:
+        if not link.startswith("http") or link.startswith("https://host/repo/"):
+            path = re.sub(r"[?#].*", "", link.removeprefix("https://host/repo/"))
+            assert link.startswith("https://host/repo/"), link
+            assert (ROOT / path).exists(), link
 
 
 @pytest.fixture

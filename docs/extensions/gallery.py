@@ -23,6 +23,8 @@ PICTURES = {  # of each scene: how it is drawn
     "sag": "--field height --size 640x480",
     "hanging_strip": "--field larger_stretch --size 640x480",
     "lifted_strip": "--field checks --size 640x480",
+    "sleeve": "--field checks --size 640x480",
+    "cushion": "--field checks --size 640x480",
 }
 
 SEEN = {  # in each picture
@@ -38,6 +40,8 @@ SEEN = {  # in each picture
     "sag": "A square, held around, sags in its middle. Colours: height.",
     "hanging_strip": "A strip that hangs: the colours show that its stretch grows upwards.",
     "lifted_strip": "A heavy strip on the floor, whose right end is lifted.",
+    "sleeve": "A tube, pressed together at its upper end: folds run down from there.",
+    "cushion": "Two squares, sewn and blown up to a cushion with pointed corners.",
 }
 
 

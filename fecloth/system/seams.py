@@ -215,11 +215,10 @@ def sew(seams: Sequence[Seam], cloth: Cloth, constraints: Constraints) -> Constr
         }
         left = _Closing(close[followers.nodes, None])
         followers = replace(followers, left=left, closing=rows)
-    groups = {
-        name: (pin, _held(name, pin, held, followers.T, cloth))
-        for name, (pin, held) in constraints.groups.items()
-    }
-    return replace(Constraints.of(groups, cloth), followers=followers)
+    return replace(
+        Constraints.of(_pins_on_leaders(constraints, followers.T, cloth), cloth),
+        followers=followers,
+    )
 
 
 def sewn_cloth(seams: Sequence[Seam], cloth: Cloth) -> SewnCloth:
@@ -318,28 +317,55 @@ def _standing(pairs: Sequence[SewnPair], n: int) -> np.ndarray:
     return standing
 
 
-def _held(name: str, pin: Pin, nodes: np.ndarray, T: sparse.csr_matrix, cloth: Cloth) -> np.ndarray:
-    """Return the nodes (k,) that a pin holds in place of those that follow.
+def _pins_on_leaders(
+    constraints: Constraints, T: sparse.csr_matrix, cloth: Cloth
+) -> dict[str, tuple[Pin, np.ndarray]]:
+    """Return the pins by name, each with the nodes (k,) that it holds in place of followers.
 
-    Raises `InputError` if one of them follows nodes that the pin does not hold.
+    Raises `InputError` for a node that follows others, which no pin holds as it.
     """
-    W = T[nodes]
-    count = np.diff(W.indptr)
-    leaders = nodes.copy()
-    leaders[count == 1] = W.indices[W.indptr[:-1][count == 1]]
-    kept = np.unique(leaders[count == 1])
-    for node in nodes[count > 1]:
-        if not np.isin(T[node].indices, kept).all():
-            X, Y = cloth.X[node]
-            what = f"pin {name!r} holds node {node} at ({X:.6g}, {Y:.6g}) m, which follows a seam"
+    groups = {
+        name: (pin, _leaders(pin, nodes, T, name))
+        for name, (pin, nodes) in constraints.groups.items()
+    }
+    for name, (pin, nodes) in constraints.groups.items():
+        followed = nodes[np.diff(T[nodes].indptr) > 1]
+        P = pin.projector
+        held = [
+            own
+            for other, own in groups.values()
+            if other is pin
+            or (
+                not (pin.moves or other.moves) and np.allclose(P @ other.projector, other.projector)
+            )
+        ]
+        is_held = np.isin(np.arange(len(cloth.X)), np.concatenate(held)).astype(float)
+        # the weights of all leaders, and those of the leaders that are held
+        free = followed[(abs(T[followed]) @ (1.0 - is_held)) > SAME_WEIGHT]
+        if len(free):
+            X, Y = cloth.X[free[0]]
+            what = (
+                f"pin {name!r} holds node {free[0]} at ({X:.6g}, {Y:.6g}) m, which follows a seam"
+            )
             remedy = "Pin the other edge of the seam, which leads, or leave the node out."
             raise InputError(what, "must hold the nodes that it follows, too", "Seam", remedy)
-    if (count == 1).all() and np.array_equal(leaders, nodes):
+    return groups
+
+
+def _leaders(pin: Pin, nodes: np.ndarray, T: sparse.csr_matrix, name: str) -> np.ndarray:
+    """Return the nodes (k,) that a pin holds: leaders in place of nodes that are one with them.
+
+    Nodes that follow several others are left out. Raises `InputError` for a motion by node.
+    """
+    W = T[nodes]
+    is_one = np.diff(W.indptr) == 1
+    leaders = W.indices[W.indptr[:-1][is_one]].astype(np.int64)
+    if is_one.all() and np.array_equal(leaders, nodes):
         return nodes
     if pin.displacement(0.0).ndim == 2:
         what = f"pin {name!r} on a seam, with a motion for each node"
         raise InputError(what, "must move all nodes alike", "Seam", "Pin the edge that leads.")
-    return kept
+    return np.unique(leaders)
 
 
 @dataclass(frozen=True, eq=False)

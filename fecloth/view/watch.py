@@ -40,7 +40,7 @@ class Window:
         self._cloth.point_data["displacement [m]"] = np.zeros(len(start.x))
         self._plotter = pyvista.Plotter(title="fecloth")
         self._plotter.set_background(PAPER)
-        self._plotter.add_mesh(self._cloth, cmap="viridis", name="cloth", show_edges=True)
+        self._actor = self._plotter.add_mesh(self._cloth, cmap="viridis", show_edges=True)
         self._drawn_at = -np.inf
         self._draw(start)
         self._plotter.camera_position = "iso"
@@ -63,7 +63,7 @@ class Window:
         displacement = np.linalg.norm(state.x - self._start, axis=1)
         self._cloth.points = state.x.copy()
         self._cloth.point_data["displacement [m]"] = displacement
-        self._plotter.mapper.scalar_range = 0.0, max(displacement.max(), 1e-9)
+        self._actor.mapper.scalar_range = 0.0, max(displacement.max(), 1e-9)
         add_obstacles(self._plotter, find_obstacles(self._system, state.x, state.t), self._pyvista)
         self._plotter.add_text(f"t = {state.t:.4g}", name="time", font_size=10)
 

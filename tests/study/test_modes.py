@@ -63,8 +63,10 @@ def drum(cloth, stretch=1.01, terms=(), fabric=DRUM):
     return system, system.state(flat(cloth) * [stretch, stretch, 1.0]), stress
 
 
-@pytest.mark.parametrize("pattern", stories_except(["right", "cross", "equilateral"], "cross"))
-@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize(
+    ("element", "pattern"),
+    [("P1", "cross"), ("P2", "cross"), ("P1", "equilateral"), ("P2", "right")],
+)
 def test_square_drum(element, pattern):
     """T (m² + n²) π²/ρ with every repeated one, in order 2 and 4."""
     errors = []
@@ -211,8 +213,10 @@ def clamped_square(degree=8):
     return np.sqrt(eigh(K, np.kron(mass, mass), eigvals_only=True)[:3])
 
 
-@pytest.mark.parametrize("pattern", stories_except(["cross", "jittered", "unstructured"], "cross"))
-@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize(
+    ("element", "pattern"),
+    [("P1", "cross"), ("P2", "cross"), ("P1", "unstructured"), ("P2", "jittered")],
+)
 def test_plates(element, pattern):
     """Free (Leissa 1973: 13.468, 19.596, 24.271), supported 2π², 5π², 5π², clamped by Ritz."""
     exact = {

@@ -219,3 +219,54 @@ def test_refusals_name_the_seam():
         sewn(fc.Seam(lambda X: (X[:, 0] < 1e-9) | (X[:, 0] > 1 - 1e-9), "a.right"))
     with pytest.raises(InputError, match="follows in Seam"):
         sewn(SEAM, fc.Seam("a.left", "b.left"))
+
+
+def body_force(X: np.ndarray) -> np.ndarray:
+    """−div P (n, 2) of `smooth`, for StVK with ν = 0 and Y = 1000 N/m, by differences [N/m²]."""
+    step = 1e-4
+
+    def stress(X):
+        F = np.stack(
+            [(smooth(X + d) - smooth(X - d)) / (2 * step) for d in step * np.eye(2)], axis=-1
+        )
+        E = (np.swapaxes(F, 1, 2) @ F - np.eye(2)) / 2
+        return F @ (1000.0 * E)
+
+    return -sum(
+        (stress(X + d) - stress(X - d))[..., k] / (2 * step) for k, d in enumerate(step * np.eye(2))
+    )
+
+
+def smooth(X: np.ndarray) -> np.ndarray:
+    """A deformation (n, 2) of the strip that varies along the seam and across it."""
+    wave = 0.02 * np.sin(np.pi * X[:, 0]) * np.sin(4 * np.pi * X[:, 1] + 0.5)
+    return X + np.column_stack([0.5 * wave, wave])
+
+
+@pytest.mark.parametrize(("element", "order"), [("P1", 2.0), ("P2", 2.5)])
+def test_errors_beside_a_seam_that_does_not_match_have_order_2(element, order):
+    """A known deformation in the plane, under the body force that belongs to it."""
+    errors = []
+    for n in (8, 16, 32):
+        a, b = (
+            fc.Cloth.rectangle(0.5, 0.25, h=0.5 / m, pattern="right", element=element)
+            for m in (n, 3 * n // 2 - 1)
+        )
+        cloth = fc.Cloth.join([a, shifted(b, 0.5)], names=["a", "b"])
+        X = cloth.X
+        exact = np.column_stack([smooth(X), 0 * X[:, 0]])
+        border = np.isin(X[:, 0], (0.0, 1.0)) | np.isin(X[:, 1], (0.0, 0.25))
+        load = np.column_stack([body_force(X), 0 * X[:, 0]])
+        system = fc.System(
+            cloth,
+            replace(FABRIC, poisson_ratio=0.0),
+            [fc.StVK(), fc.UserForce(lambda x, v, t, load=load: load)],
+            pins=[
+                fc.Pin(np.flatnonzero(border)),
+                fc.Slide(np.flatnonzero(~border), normal=(0, 0, 1)),
+            ],
+            seams=[SEAM],
+        )
+        x = fc.equilibrium(system, system.state(exact), tolerance=1e-10).x
+        errors.append(np.sqrt(np.mean(np.sum((x - exact) ** 2, axis=1))))
+    assert np.log2(errors[1] / errors[2]) > order - 0.2

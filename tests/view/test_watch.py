@@ -27,6 +27,7 @@ from fecloth.view import watch
 
 watch.PAUSE = 0.0
 pictures = []
+ranges = []
 
 class Seen(watch.Window):
     def close(self):
@@ -35,11 +36,13 @@ class Seen(watch.Window):
     def follow(self, state):
         super().follow(state)
         pictures.append(self._plotter.screenshot(return_img=True))
+        ranges.append(self._actor.mapper.scalar_range[1])
 
 watch.Window = Seen
 status = main(["run", "scene.toml", "--watch", "--quiet"])
 import numpy as np
 np.savez("pictures.npz", *pictures)
+print(*ranges)
 sys.exit(status)
 """
 
@@ -68,6 +71,9 @@ def test_a_window_follows_the_run(scene):
     command = ["xvfb-run", "-a", sys.executable, "-c", WATCHED]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
+    ends = list(map(float, done.stdout.split()))  # of the colours: the largest displacement
+    assert ends == sorted(ends)
+    assert 0.01 < ends[-1] < 0.1
     pictures = list(np.load("pictures.npz").values())
     assert len(pictures) == 11  # of each step, and at the end
     changed = [(a != b).any(axis=2).mean() for a, b in pairwise(pictures[:-1])]

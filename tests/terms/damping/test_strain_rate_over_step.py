@@ -7,6 +7,7 @@ import pytest
 from conftest import affine, flat, rough
 from support.linear_term import LinearMembrane
 from support.over_step import Over, random_steps
+from support.tiers import MASSES, in_turn
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -131,8 +132,9 @@ def moved(isotropic, mass, terms):
 
 
 @pytest.mark.stories
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@pytest.mark.parametrize("method", [*DAMPED, fc.Adaptive(fc.BDF2(), 0.1)], ids=repr)
+@pytest.mark.parametrize(
+    ("method", "mass"), in_turn([*DAMPED, fc.Adaptive(fc.BDF2(), 0.1)], MASSES), ids=repr
+)
 def test_ledger_closes(method, mass, isotropic):
     """Elastic energies quadratic in x; the damping is not linear, and pins move."""
     terms = [LinearMembrane(), fc.StrainRateDamping(0.01), fc.Gravity()]
