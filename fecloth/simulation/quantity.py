@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from fecloth.errors import InputError, did_you_mean
+from fecloth.quantities import units
+from fecloth.quantities.columns import dimension_of
+from fecloth.quantities.units import is_quantity
 
 FIELDS = ("displacement", "velocity")
 SHAPES = ("sag", "area", "volume", "largest_stretch", "least_stretch")
@@ -23,9 +26,9 @@ UNITS |= {"displacement": "m²", "velocity": "m²/s", "reaction": "N", "energy":
 UNITS |= {"drape_coefficient": "", "folds": "", "line_force": "N/m", "stress": "N/m"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 EXAMPLES = (
-    "tip.z, tip.z at 0.3 s, max sag, path of tip, period of tip.z, energy.StVK, "
-    "reaction.left.z, displacement in H1, frequency(2), distance of a and b, "
-    "drape_coefficient, folds, line_force.left.x, stress.xx at (0.1, 0.2)"
+    "tip.z, tip.z at 0.3 s, reaction.grip.x at grip.x = 10 mm, max sag, path of tip, "
+    "period of tip.z, energy.StVK, reaction.left.z, displacement in H1, frequency(2), "
+    "distance of a and b, drape_coefficient, folds, line_force.left.x, stress.xx at (0.1, 0.2)"
 )
 _MODE = re.compile(r"frequency\s*\(\s*(\d+)\s*\)")
 STRESS = re.compile(
@@ -33,7 +36,8 @@ STRESS = re.compile(
 )
 _TEXT = re.compile(
     rf"(?:(?P<how>{'|'.join(HOW)})\s+)?(?P<name>{STRESS.pattern}|.+?)(?:\s+in\s+(?P<norm>\w+))?"
-    r"(?:\s+at\s+(?:(?P<end>the end)|(?P<at>[-+.\deE]+)\s*(?P<unit>\w*)))?"
+    r"(?:\s+at\s+(?:(?P<end>the end)|(?P<at>[-+.\deE]+)\s*(?P<unit>\w*)|"
+    r"(?P<place>[^\s=]+)\s*=\s*(?P<reached>[-+.\deE]+\s*\S*)))?"
 )
 
 
@@ -44,6 +48,7 @@ class Quantity:
     The grammar of the text is one of::
 
         [max | min | path of | period of | frequency of] NAME [in L2 | in H1] [at TIME]
+        NAME at COLUMN = CHANGE
         frequency(k)
 
     Attributes
@@ -57,13 +62,15 @@ class Quantity:
     how
         "value" (at a time), "max", "min", "path", "period", "frequency", "mode" or "function".
     at
-        Time of the value [s]; None for the end.
+        Time of the value [s], or the change of `place` from its start; None for the end.
     norm
         "l2" or "h1" of a field, else "".
     mode
         Number k of the mode, from 1.
     function
         The user's function of the result of a run, which returns a number.
+    place
+        The column whose change tells when the value is taken, as "grip.x"; "" for a time.
     """
 
     text: str
@@ -73,6 +80,7 @@ class Quantity:
     norm: str = ""
     mode: int = 0
     function: Callable[..., float] | None = None
+    place: str = ""
 
     def __str__(self) -> str:
         return self.text
@@ -85,12 +93,7 @@ class Quantity:
     @cached_property
     def column(self) -> str:
         """Name of the column in energies.csv or observed.csv, or of its vector."""
-        kind, _, rest = self.name.partition(".")
-        if kind in ("reaction", "least_distance", "line_force") and rest:
-            return f"{kind}:{rest}"
-        if kind == "energy" and rest:
-            return rest
-        return self.name
+        return _column_of(self.name)
 
     def unit(self, names: Iterable[str] = ()) -> str:
         """Return the SI unit; `names` are names of energies, which need no prefix."""
@@ -119,6 +122,11 @@ class Quantity:
             known = columns
         else:
             known = columns | vectors
+        if self.place and self.place not in columns:
+            allowed = f"must be a column of this run: {', '.join(sorted(columns))}"
+            raise InputError(
+                f"{where}: {self.text}", allowed, "", did_you_mean(self.place, columns)
+            )
         if self.is_field or self.column in known:
             return
         shown = sorted(known | set(FIELDS)) if self.how == "value" else sorted(known)
@@ -128,6 +136,16 @@ class Quantity:
             remedy = did_you_mean(self.column, shown)
         allowed = f"unknown quantity; this run has {', '.join(shown)}"
         raise InputError(f"{where}: {self.name}", allowed, "", remedy)
+
+
+def _column_of(name: str) -> str:
+    """Return the name of the column in energies.csv or observed.csv, or of its vector."""
+    kind, _, rest = name.partition(".")
+    if kind in ("reaction", "least_distance", "line_force") and rest:
+        return f"{kind}:{rest}"
+    if kind == "energy" and rest:
+        return rest
+    return name
 
 
 def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
@@ -158,8 +176,15 @@ def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
     at = None
     if match["at"] is not None:
         at = _seconds(text, match["at"], match["unit"])
+    place = _column_of(match["place"] or "")
+    if place:
+        unit = Quantity(place, place).unit()
+        if is_quantity(match["reached"]):
+            at = units.quantity(f"quantity {text!r}", match["reached"], dimension_of(unit))
+        else:
+            at = _seconds(text, match["reached"], "", least=-math.inf)  # a bare number is in SI
     norm = _norm(text, match["name"], match["norm"])
-    quantity = Quantity(words, match["name"], how, at, norm)
+    quantity = Quantity(words, match["name"], how, at, norm, place=place)
     if quantity.how != "value" and (at is not None or match["end"]):
         raise _refusal(text, f"'{match['how']}' is over the whole run: it takes no time")
     if quantity.is_field and (quantity.how != "value" or at is not None):
@@ -167,15 +192,18 @@ def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
     return quantity
 
 
-def _seconds(text: str, number: str, unit: str) -> float:
-    """Return a time [s] from its number and its unit; without a unit it is in seconds."""
+def _seconds(text: str, number: str, unit: str, least: float = 0.0) -> float:
+    """Return a time [s] from its number and its unit; without a unit it is in seconds.
+
+    Raises `InputError` for another unit, and for a number below the `least` one.
+    """
     try:
         value = float(number) * SECONDS[unit or "s"]
     except (ValueError, KeyError):
         remedy = did_you_mean(unit, SECONDS) if unit else ""
         allowed = f"a time such as 0.3 s or 30 ms; units: {', '.join(SECONDS)}"
         raise InputError(f"quantity {text!r}", f"needs {allowed}", "", remedy) from None
-    if not (math.isfinite(value) and value >= 0):
+    if not (math.isfinite(value) and value >= least):
         raise InputError(f"quantity {text!r}", "needs a time >= 0 s")
     return value
 

@@ -13,6 +13,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.quantity import Quantity
 
 COMPONENTS = "xyz"
+ROUND_OFF = 1e-9  # relative, of a change that a run ends with
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +178,29 @@ def _at(quantity: Quantity, record: RunRecord, column: np.ndarray) -> np.ndarray
         return column[-1]
     first = record.times[0]
     last = record.times[-1]
-    if not first <= quantity.at <= last:
+    t = _time_of(quantity, record) if quantity.place else quantity.at
+    if not first <= t <= last:
         allowed = f"must lie in the run, {first:g} to {last:g} s"
-        raise InputError(f"{quantity}: t = {quantity.at:g} s", allowed)
-    return np.array([np.interp(quantity.at, record.times, values) for values in column.T])
+        raise InputError(f"{quantity}: t = {t:g} s", allowed)
+    return np.array([np.interp(t, record.times, values) for values in column.T])
+
+
+def _time_of(quantity: Quantity, record: RunRecord) -> float:
+    """Return the first time at which `quantity.place` has changed by `quantity.at`.
+
+    The column is linear between steps. Raises `InputError` if it never changes so much.
+    """
+    assert quantity.at is not None
+    change = record.columns[quantity.place] - record.columns[quantity.place][0]
+    beyond = (change - quantity.at) * np.sign(quantity.at)
+    reached = np.flatnonzero(beyond >= -ROUND_OFF * abs(quantity.at))
+    if not len(reached):
+        farthest = change[np.argmax(change * np.sign(quantity.at))]
+        allowed = f"is not reached: {quantity.place} changes by at most {farthest:.6g}"
+        raise InputError(f"{quantity}", allowed, "", "Move it farther.")
+    i = max(int(reached[0]), 1)
+    part = (quantity.at - change[i - 1]) / (change[i] - change[i - 1] or 1.0)
+    return float(record.times[i - 1] + min(part, 1.0) * (record.times[i] - record.times[i - 1]))
 
 
 def _rms(times: np.ndarray, values: np.ndarray) -> float:

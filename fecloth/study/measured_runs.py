@@ -306,6 +306,8 @@ def _solve(setup: Setup, report: Callable[..., None], rest: Rest | None) -> dict
 
 def columns_to_record(quantity: Quantity) -> list[str]:
     """Return the columns that a quantity needs over the whole run."""
+    if quantity.place:
+        return [quantity.column, quantity.place]
     if quantity.how in WHOLE or quantity.at is not None or on_request([quantity.column]):
         return [quantity.column]
     return []

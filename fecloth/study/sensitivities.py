@@ -18,7 +18,7 @@ from fecloth.study.parameters import choose_parameters
 from fecloth.study.problem import Asked, StudyProblem
 from fecloth.study.result import read_tolerance
 from fecloth.study.runs import Run, Runs, announce, print_doubts, refuse_huge, run_all
-from fecloth.study.sensitivity_result import Sensitivity, make_result
+from fecloth.study.sensitivity_result import OF_SENTENCE, Sensitivity, make_result
 from fecloth.study.status import OK, REFUSED
 
 # The change of a quantity over its value: below it round-off of the runs may be all of it.
@@ -28,6 +28,8 @@ PRICE = 0.5  # estimated time of a derivative over the time of the run
 # of a second pair, where the quantity may bend too much for the first.
 WIDE_CHANGE = 3e-4
 NARROW_CHANGE = 1e-5
+# Relative distance of twin runs at the change of which the sentences speak, up to which these hold.
+SENTENCE_ERROR = 0.1
 STEPS_OF_RUN = ("sizes", "method")  # of a row: the steps, which its twin runs repeat
 
 
@@ -58,7 +60,8 @@ def sensitivity(
     the derivatives. So it tells little of parameters that count much less than others. Above 1 %
     a second pair follows, changed by 0.001 %. If it differs by more than 1 %, too, the answer is
     "no derivative here": folds that change, contacts that begin, and friction between stick and
-    slip have none.
+    slip have none. A last pair is changed by 1 %, as the sentences say it: if it differs by more
+    than 10 %, these hold only up to the smaller change, and say so.
 
     Parameters
     ----------
@@ -84,7 +87,7 @@ def sensitivity(
     Returns
     -------
     Sensitivity
-        With `value`, `derivative`, `elasticity` = derivative · p / value, and `checked`.
+        With `value`, `derivative`, `elasticity` = derivative · p / value, `checked` and `holds`.
 
     Raises
     ------
@@ -176,6 +179,7 @@ def _run_and_check(
     unknown = np.full((len(sought.quantities), len(sought.parameters)), np.nan)
     slopes = np.array(row.get("slopes", unknown))  # a run that failed has none
     checked = np.full(len(slopes), np.nan)
+    holds = np.full(len(slopes), np.nan)
     why = row.get("why", "")
     if check and row["status"] == OK:
         # The quantity may bend too much for the wide change: then the narrow one decides.
@@ -183,9 +187,13 @@ def _run_and_check(
             checked, why = _check_by_twin_runs(opened, sought, slopes, row, runs, change)
             if not (checked > LARGEST_ERROR).any():
                 break
+        holds = np.full(len(slopes), change)
+        if change == WIDE_CHANGE:
+            far, _ = _check_by_twin_runs(opened, sought, slopes, row, runs, OF_SENTENCE)
+            holds[far <= SENTENCE_ERROR] = OF_SENTENCE
     is_lost = _find_changes_below_round_off(sought, slopes, np.array(row.get("values", [])))
     known_slopes = np.where(is_lost, np.nan, slopes)
-    result = make_result(opened, sought, row, known_slopes, checked, is_single)
+    result = make_result(opened, sought, row, known_slopes, checked, holds, is_single)
     remarks = [why] if why else []
     for k, parameter in enumerate(sought.parameters):
         if is_lost[:, k].any():

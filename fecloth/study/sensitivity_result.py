@@ -16,6 +16,8 @@ from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.status import OK
 from fecloth.terms.traits import parameters_of
 
+OF_SENTENCE = 1e-2  # the relative change of which the sentences speak
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sensitivity(StudyResult):
@@ -50,6 +52,9 @@ class Sensitivity(StudyResult):
     checked
         Distance of the derivatives from a pair of twin runs, relative to the sum of all
         changes.
+    holds
+        Largest relative change of all parameters for which twin runs agree: 0.01 if the sentences
+        on 1 % are right, else the smaller one of the check.
     """
 
     parameters: tuple[str, ...] = ()
@@ -58,6 +63,7 @@ class Sensitivity(StudyResult):
     derivative: Any = np.nan
     elasticity: Any = np.nan
     checked: Any = np.nan
+    holds: Any = np.nan
 
     @property
     def exit_status(self) -> int:
@@ -93,6 +99,7 @@ def make_result(
     row: Mapping,
     slopes: np.ndarray,
     checked: np.ndarray,
+    holds: np.ndarray,
     is_single: bool,
 ) -> Sensitivity:
     """Return the result of a run with derivatives, with verdict, table and remarks.
@@ -108,6 +115,8 @@ def make_result(
         (quantities, parameters) derivatives by the parameters over their widths.
     checked
         (quantities,) relative distance of the twin runs; NaN where they did not run.
+    holds
+        (quantities,) relative change up to which the derivatives hold; NaN where it is not known.
     is_single
         Whether a single quantity was asked for, not a list: then the result has numbers in place
         of arrays with one quantity.
@@ -127,7 +136,9 @@ def make_result(
     else:
         units = [quantity.unit(opened.first.energies) for quantity in quantities]
         sentences = [
-            _describe_quantity(quantity, units[i], values[i], slopes[i], parameters, checked[i])
+            _describe_quantity(
+                quantity, units[i], values[i], slopes[i], parameters, checked[i], holds[i]
+            )
             for i, quantity in enumerate(quantities)
         ]
     remarks: tuple[str, ...] = ()
@@ -144,6 +155,7 @@ def make_result(
         derivative=derivative[quantity_index],
         elasticity=elasticity[quantity_index],
         checked=checked[quantity_index],
+        holds=holds[quantity_index],
         remarks=remarks,
     )
 
@@ -175,6 +187,7 @@ def _describe_quantity(
     slopes: np.ndarray,
     parameters: Sequence[Parameter],
     checked: float,
+    holds: float,
 ) -> str:
     """Return a sentence on the largest three changes of a quantity, and how they were checked.
 
@@ -188,6 +201,8 @@ def _describe_quantity(
         (parameters,) derivatives over the widths of the parameters.
     checked
         Relative distance of the twin runs; NaN if they did not run.
+    holds
+        Relative change up to which the derivatives hold.
     """
     begin = f"{quantity.text} = {value:.6g} {unit}".strip()
     if checked > LARGEST_ERROR:
@@ -208,6 +223,8 @@ def _describe_quantity(
     proof = "not checked"
     if not np.isnan(checked):
         proof = f"checked by twin runs: {checked:.0e}"
+        if changes and holds < OF_SENTENCE:
+            proof += f"; holds up to ± {in_percent(holds)}, not for 1 %"
     return f"{begin}; {words}; {proof}"
 
 

@@ -1,11 +1,8 @@
 """Do the intervals of a fit hold for the next strip? Twins whose strips differ from each other.
 
-Strips with Y = 1200 N/m along the warp and 800 N/m along the weft, ν = 0.25, are drawn to 5 %
-between grips that let them narrow. The force per width is s Y λ (λ² − 1)/2 at the stretch λ, with
-the factor s of the strip and noise of 2 % of the largest force at 36 points. ln s is normal with
-the standard deviation 5 %, or s = 1. Each trial fits both stiffnesses; its intervals should cover
-the stiffness of one more strip, which is drawn last. "This strip" are the intervals by the noise
-of points, which should cover only where all strips are the same.
+Strips of 1200 and 800 N/m along warp and weft are drawn to 5 %. The force per width is
+s Y λ (λ² − 1)/2, with a factor s of the strip (ln s: 0 ± 5 %) and noise of 2 % at 36 points. The
+interval should cover the stiffness of one more strip. "This strip" is by the noise of points.
 
     python -m studies.fit.strips [--quick] [--count 60]
 """

@@ -35,6 +35,8 @@ def record(columns=COLUMNS, **more):
         ("sag at 0.5 s", 0.25),
         ("sag at 500ms", 0.25),
         ("sag at 5e-1", 0.25),
+        ("energy.StVK at sag = 25 cm", 1.0),  # at 0.5 s
+        ("energy.StVK at sag = 4", 4.0),  # at the end
         ("max sag", 4.0),
         ("min tip.z", COLUMNS["tip.z"].min()),
         ("energy.StVK", 4.0),
@@ -49,6 +51,15 @@ def record(columns=COLUMNS, **more):
 )
 def test_values_of_numbers(text, value):
     assert_allclose(value_of(parse_quantity(text), record(frequencies=(3.0, 5.0))), value)
+
+
+def test_a_change_that_is_not_reached_has_no_value():
+    with pytest.raises(InputError, match="sag at sag = 5 m: is not reached: sag changes by at mo"):
+        value_of(parse_quantity("sag at sag = 5 m"), record())
+    falling = record(COLUMNS | {"fall": 7 - T})
+    assert value_of(parse_quantity("StVK at fall = -0.5 m"), falling) == pytest.approx(1.0)
+    with pytest.raises(InputError, match="must be a column of this run"):
+        parse_quantity("sag at grap.x = 5 mm").require_known(COLUMNS)
 
 
 def test_the_size_of_a_probe_is_that_of_its_displacement():

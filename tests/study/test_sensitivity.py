@@ -267,6 +267,25 @@ def test_folds_that_change_leave_no_derivative_and_the_answer_says_so():
     assert answer.exit_status == 3
 
 
+@pytest.mark.parametrize("bend", [8e4, 1.25e5])
+def test_the_sentence_on_one_per_cent_holds_or_says_how_far(bend, monkeypatch):
+    """q = 1 + s + bend s³/100: at a change of 1 % twin runs are off ∂q/∂s = 1 by bend · 1e-6."""
+
+    def rows(runs, how):
+        answer = {"status": "ok", "sizes": [], "method": "", "why": ""}
+        if "changes" not in runs[0].arguments:
+            return [answer | {"values": [1.0], "slopes": [[1.0]]}]
+        changes = [run.arguments["changes"][0] for run in runs]
+        return [answer | {"values": [1 + s + 0.01 * bend * s**3]} for s in changes]
+
+    monkeypatch.setattr(sensitivities, "run_all", rows)
+    answer = fc.sensitivity(strip, ["drawn"], "area", h=0.25)
+    assert answer.checked < LARGEST_ERROR
+    holds = 1e-2 if bend < 1e5 else sensitivities.WIDE_CHANGE
+    assert answer.holds == holds
+    assert ("holds up to ± 0.03 %, not for 1 %" in answer.verdict) == (bend > 1e5)
+
+
 @pytest.mark.parametrize(("part", "exists"), [(0.8, True), (1.25, False)])
 def test_one_per_cent_from_the_twin_runs_is_the_limit(part, exists, monkeypatch):
     def check(opened, sought, slopes, row, runs, step):

@@ -218,6 +218,8 @@ class Evaluation:
     folds
         Number of folds at the end of a run, by the name of its experiment; of equilibria with a
         rim.
+    is_converged
+        Whether a search ended there because nothing was left to gain.
     """
 
     u: np.ndarray
@@ -225,6 +227,7 @@ class Evaluation:
     columns: tuple[Column, ...]
     cause: str = ""
     folds: Mapping[str, float] = field(default_factory=dict)
+    is_converged: bool = True
 
     @cached_property
     def fitted(self) -> list[Column]:

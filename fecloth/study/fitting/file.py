@@ -11,7 +11,7 @@ from fecloth.study.fitting import fit as by_experiments
 from fecloth.study.fitting.experiment import Experiment
 from fecloth.study.fitting.result import Fit
 
-KEYS = ("title", "parameters", "fabric", "experiments", "starts", "refined", "specimens")
+KEYS = ("title", "parameters", "fabric", "experiments", "starts", "refined", "specimens", "loss")
 OF_EXPERIMENTS = ("scene", "data", "along", "quantity", "sigma", "offset", "fitted", "name")
 NEEDED = ("scene", "data", "quantity")
 
@@ -59,6 +59,7 @@ def fit(
         starts=starts,
         refined=tables.get("refined", True),
         specimens=tables.get("specimens"),
+        loss=tables.get("loss", "linear"),
         title=tables.get("title", path.stem),
         **shared,
     )

@@ -1,7 +1,7 @@
 """`fit`: constants of a fabric from several experiments, and what these do not tell."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from fecloth import validation
 from fecloth.errors import FeclothError, InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.uncertainty import relative
+from fecloth.study.fitting.discrepancy import read_curve
 from fecloth.study.fitting.evaluation import Evaluation, Fitting, check_signs
 from fecloth.study.fitting.experiment import Experiment
 from fecloth.study.fitting.result import Fit, summarise
@@ -31,8 +32,12 @@ MOST_EVALUATIONS = 60  # of a start, which then ends where it is
 PULL = 0.3
 # The same for combinations that are known not to be told: these stay where they are.
 PULL_OF_UNTOLD = 10.0
+LOSSES = ("linear", "soft_l1")
 EXACT = {"xtol": 1e-4, "ftol": 1e-4, "gtol": 1e-9}  # far below the uncertainty of constants
 LARGEST_START = np.log(3.0)  # |u| of other starts: between a third and three times the first
+# |change of u| from which amplitudes of curves, in place of residuals, give the first step: where
+# the start is off by more than a factor 3, residuals hardly depend on the constants.
+FAR = np.log(3.0)
 SAME_PLACE = 0.02  # distance of two ends in u that are the same place: 2 % of a constant
 
 
@@ -44,6 +49,7 @@ def fit(
     starts: int = 1,
     refined: bool = True,
     specimens: float | str | None = None,
+    loss: str = "linear",
     title: str = "fit",
     **shared: Any,
 ) -> Fit:
@@ -75,6 +81,9 @@ def fit(
         Relative standard deviation of the curves of single specimens about their mean, as "5 %".
         By default it is taken from the specimens in one direction: those that a column `repeat`
         numbers, and experiments of the same problem.
+    loss
+        "linear", or "soft_l1": the residuals of points far off their curve count in proportion,
+        not by their square, so that a few wrong points hardly move the constants.
     title
         A name for the report.
     shared
@@ -131,10 +140,11 @@ def fit(
     # `make_unknowns` refuses parameters that are no mapping
     begin = parameters if isinstance(parameters, Mapping) else {}
     opened = open_specimens(tests, begin, fabric, shared)
+    validation.one_of("loss", loss, LOSSES, "fit")
     fitting = Fitting(opened, make_unknowns(parameters, opened), how)
     finer_fitting = fitting.finer() if refined else None
     _announce(fitting, finer_fitting, starts)
-    end, starts_that_end_there = search(fitting, starts)
+    end, starts_that_end_there = search(fitting, starts, loss)
     remarks = list[str]()
     if starts > 1:
         remarks.append(f"{starts_that_end_there} of {starts} starts end at these constants")
@@ -142,7 +152,7 @@ def fit(
     if refined:
         why_not = "no problem has h or dt to refine"
         if finer_fitting:
-            finer_end = refine(finer_fitting, end)
+            finer_end = refine(finer_fitting, end, loss)
             why_not = finer_end.cause
         if finer_fitting and not why_not:
             remarks += describe_several_states(end.folds, finer_end.folds)
@@ -153,7 +163,8 @@ def fit(
             remarks.append(f"the part of mesh and step is not known: {why_not}")
     if not all(experiment.fitted for experiment in tests):
         # the search ran the fitted experiments only
-        end = fitting.evaluate(end.u, only_fitted=False)
+        is_converged = end.is_converged
+        end = replace(fitting.evaluate(end.u, only_fitted=False), is_converged=is_converged)
         if end.cause:
             remarks.append(f"not compared: {end.cause}")
     return summarise(fitting, end, coarse_end, stated, title, remarks)
@@ -192,6 +203,8 @@ class Search:
         Largest number of evaluations.
     phase
         A word for the lines of progress.
+    loss
+        As for `fit`.
     known
         What was evaluated, by the bytes of u.
     """
@@ -201,6 +214,7 @@ class Search:
     pull: np.ndarray
     most: int = MOST_EVALUATIONS
     phase: str = ""
+    loss: str = "linear"
     known: dict[bytes, Evaluation] = field(default_factory=dict)
 
     def at(self, u: np.ndarray) -> Evaluation:
@@ -230,6 +244,7 @@ class Search:
         if first.cause:
             return first
         check_signs(first)
+        begin = self.nearer(first)
         solved = least_squares(
             self.residual,
             begin,
@@ -237,12 +252,32 @@ class Search:
             bounds=np.array([unknown.bounds for unknown in self.fitting.unknowns]).T,
             x_scale=1.0,
             max_nfev=self.most,
+            loss=self.loss,
             **EXACT,
         )
-        return self.at(solved.x)
+        # status 0: the number of evaluations was reached
+        return replace(self.at(solved.x), is_converged=solved.status > 0)
+
+    def nearer(self, first: Evaluation) -> np.ndarray:
+        """Return where the search begins: `first.u`, or nearer if the curves are far off.
+
+        The amplitudes of all curves tell how far each constant is off: a = A Δu, by least
+        squares. Where a run fails with these constants, the search begins at `first.u`.
+        """
+        curves = list(filter(None, map(read_curve, first.fitted)))
+        if not curves:
+            return first.u
+        slopes = np.array([curve.slopes for curve in curves])
+        amplitudes = np.array([curve.amplitude for curve in curves])
+        step = np.linalg.lstsq(slopes, amplitudes, rcond=0.01)[0]
+        low, high = np.array([unknown.bounds for unknown in self.fitting.unknowns]).T
+        moved = np.clip(first.u + step, low, high)
+        if np.abs(step).max() < FAR or self.at(moved).cause:
+            return first.u
+        return moved
 
 
-def search(fitting: Fitting, starts: int) -> tuple[Evaluation, int]:
+def search(fitting: Fitting, starts: int, loss: str = "linear") -> tuple[Evaluation, int]:
     """Search from the given start and from others.
 
     Return the end with the least misfit, and the number of starts that end at the same place.
@@ -257,7 +292,8 @@ def search(fitting: Fitting, starts: int) -> tuple[Evaluation, int]:
     validation.whole("starts", starts, 1, "fit", most=100)
     ends = []
     for begin in choose_starts(len(fitting.unknowns), starts):
-        ends.append(Search(fitting, begin, PULL * np.eye(len(begin))).run(begin))
+        pull = PULL * np.eye(len(begin))
+        ends.append(Search(fitting, begin, pull, loss=loss).run(begin))
     ends_that_ran = [end for end in ends if not end.cause]
     if not ends_that_ran:
         remedy = "Begin elsewhere, or give starts = 5."
@@ -267,7 +303,7 @@ def search(fitting: Fitting, starts: int) -> tuple[Evaluation, int]:
     return best, len(at_same_place)
 
 
-def refine(fitting: Fitting, end: Evaluation) -> Evaluation:
+def refine(fitting: Fitting, end: Evaluation, loss: str) -> Evaluation:
     """Search again from the `end` of a search, with the finer meshes and steps of `fitting`.
 
     Return where this search ends. A strong pull keeps combinations of the unknowns that the data
@@ -280,8 +316,9 @@ def refine(fitting: Fitting, end: Evaluation) -> Evaluation:
         pull=np.concatenate([PULL * np.eye(len(end.u)), pull_of_untold]),
         most=USUAL_EVALUATIONS,
         phase="finer mesh, ",
+        loss=loss,
     )
-    return finer_search.run(end.u)
+    return replace(finer_search.run(end.u), is_converged=end.is_converged)
 
 
 def choose_starts(unknowns: int, starts: int) -> list[np.ndarray]:

@@ -14,12 +14,12 @@ from fecloth.fabric.uncertainty import UNKNOWN, merged
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.constants_read import numbers_read
 from fecloth.study.figures import COLOURS, Figure, new_figure
-from fecloth.study.fitting import words
+from fecloth.study.fitting import mistakes, words
 from fecloth.study.fitting.discrepancy import Discrepancy, find_discrepancy, read_curve
 from fecloth.study.fitting.evaluation import Evaluation, Fitting
 from fecloth.study.fitting.measured import ASSUMED_SIGMA
 from fecloth.study.fitting.specimens import fabric_with
-from fecloth.study.fitting.statistics import statistics
+from fecloth.study.fitting.statistics import LARGEST_UNCERTAINTY, statistics
 from fecloth.study.result import Cell, StudyResult, Table, in_percent, write_csv
 
 Interval = tuple[float, float]
@@ -200,17 +200,17 @@ def summarise(
     facts = statistics(end)
     scale = find_discrepancy(end, stated)
     told = {constant.name: bool(facts.told[i]) for i, constant in enumerate(fitting.constants)}
-    of_data = dict.fromkeys(told, NO_INTERVAL)
-    if not facts.law_fails:
-        all_of_data = _intervals(fitting, end, facts.covariance, facts.quantile)
-        of_data |= {name: all_of_data[name] for name in told if told[name]}
+    told_by_data = facts.told & (not facts.law_fails)
+    of_data = _intervals(fitting, end, facts.covariance, facts.quantile, told_by_data)
     intervals = dict.fromkeys(told, NO_INTERVAL)
     V = facts.covariance
     law_counts = not facts.law_fails or (scale is not None and np.isfinite(scale.law))
     if scale and np.isfinite(scale.specimens) and law_counts:
         V = scale.covariance(is_new=False)
-        new = _intervals(fitting, end, scale.covariance(is_new=True), scale.quantile)
-        intervals |= {name: new[name] for name in told if told[name]}
+        new = scale.covariance(is_new=True)
+        # the limit for a constant holds for new specimens, too
+        told_of_new = facts.told & (np.diag(new) <= LARGEST_UNCERTAINTY**2)
+        intervals = _intervals(fitting, end, new, scale.quantile, told_of_new)
     values = {}
     numerical = {}
     slopes = []
@@ -229,6 +229,9 @@ def summarise(
     verdict = [
         words.describe_fit(fitting, end, facts),
         *words.describe_values(values, intervals, of_data),
+        *words.describe_search(end),
+        *mistakes.describe_points(end),
+        *mistakes.describe_units(fitting.unknowns, end.u, facts.told),
         *words.describe_specimens(scale),
         *words.describe_untold(fitting, facts),
         *words.describe_resolution(numerical, of_data),
@@ -260,14 +263,20 @@ def summarise(
 
 
 def _intervals(
-    fitting: Fitting, end: Evaluation, covariance: np.ndarray, quantile: float
+    fitting: Fitting, end: Evaluation, covariance: np.ndarray, quantile: float, told: np.ndarray
 ) -> dict[str, Interval]:
-    """Return the interval of each constant by its name; `covariance` (m, m) is of u."""
+    """Return the interval of each constant by its name; NaN for one that is not told.
+
+    `covariance` (m, m) is of u, and `told` (m,) says which unknowns have an interval.
+    """
     half_intervals = quantile * np.sqrt(np.diag(covariance))
-    return {
-        constant.name: constant.spread(float(end.u[i]), float(half_intervals[i]))
-        for i, constant in enumerate(fitting.constants)
-    }
+    intervals = {}
+    for i, constant in enumerate(fitting.constants):
+        intervals[constant.name] = NO_INTERVAL
+        if told[i]:
+            u = float(end.u[i])
+            intervals[constant.name] = constant.spread(u, float(half_intervals[i]))
+    return intervals
 
 
 def _table_of_predictions(end: Evaluation, scale: Discrepancy | None) -> Table:

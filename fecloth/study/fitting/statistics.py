@@ -9,13 +9,14 @@ combinations of u. Source: Seber and Wild (1989), Nonlinear Regression, chapters
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.special import chdtrc, fdtrc, stdtrit  # scipy.stats takes most of a second
 
 from fecloth.study.fitting.evaluation import Column, Evaluation
+from fecloth.study.fitting.mistakes import far_points
 
 # Standard uncertainty of u above which the data do not tell it: a factor of exp(0.5) = 1.65.
 LARGEST_UNCERTAINTY = 0.5
@@ -46,7 +47,8 @@ class Statistics:
     misfit
         χ² over its degrees of freedom; NaN without any.
     probability
-        Probability that scatter alone gives as much misfit, by the least likely curve.
+        Probability that scatter alone gives as much misfit, by the least likely curve without
+        its points far off; 1 if the search has not converged, which says nothing of the law.
     quantile
         Half an interval over the standard uncertainty.
     """
@@ -82,13 +84,16 @@ def statistics(end: Evaluation) -> Statistics:
     larger_uncertainty = np.fmax(uncertainty, np.sqrt(np.diag(covariance)))
     untold = Vt[1 / s_above_0 > LARGEST_UNCERTAINTY]
     free_repeats = _free_repeats(end.fitted, freedom)
+    probability = 1.0
+    if end.is_converged:
+        probability = _probability(_without_far_points(end.fitted), freedom / len(r))
     return Statistics(
         covariance=covariance * np.fmax(misfit, 1.0),
-        told=larger_uncertainty <= LARGEST_UNCERTAINTY,
+        told=(larger_uncertainty <= LARGEST_UNCERTAINTY) & end.is_converged,
         untold=untold,
         together=_groups(untold, uncertainty > LARGEST_UNCERTAINTY),
         misfit=misfit,
-        probability=_probability(end.fitted, freedom / len(r)),
+        probability=probability,
         quantile=float(stdtrit(free_repeats, 0.5 + COVERAGE / 2)),
     )
 
@@ -164,6 +169,24 @@ def _groups(untold: np.ndarray, is_weak: np.ndarray) -> tuple[tuple[int, ...], .
     count, labels = connected_components(linked, directed=False)
     groups = (np.flatnonzero((labels == label) & is_weak) for label in range(count))
     return tuple(tuple(int(i) for i in group) for group in groups if len(group))
+
+
+def _without_far_points(columns: Sequence[Column]) -> Sequence[Column]:
+    """Return the columns as they would be fitted without their points far off, to first order."""
+    far = [far_points(column) for column in columns]
+    if not any(map(len, far)):
+        return columns
+    kept = [
+        replace(
+            column,
+            residual=np.delete(column.residual, rows),
+            jacobian=np.delete(column.jacobian, rows, axis=0),
+        )
+        for column, rows in zip(columns, far, strict=True)
+    ]
+    inverse, _, _ = pseudo_inverse(np.concatenate([column.jacobian for column in kept]))
+    step = -inverse @ np.concatenate([column.residual for column in kept])
+    return [replace(column, residual=column.residual + column.jacobian @ step) for column in kept]
 
 
 def _probability(columns: Sequence[Column], share: float) -> float:

@@ -60,6 +60,15 @@ def describe_values(
             yield f"{name} = {value:.4g} {unit}".rstrip() + ", no interval"
 
 
+def describe_search(end: Evaluation) -> Iterator[str]:
+    """Yield a sentence if the search ended before it converged."""
+    if not end.is_converged:
+        yield (
+            "the search has not converged: the constants are where it stopped, and nothing is "
+            "said of the law. Begin at these constants"
+        )
+
+
 def describe_specimens(scale: Discrepancy | None) -> Iterator[str]:
     """Yield sentences on how much specimens differ, and on how far the law is off."""
     if scale is None:

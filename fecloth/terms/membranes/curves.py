@@ -191,6 +191,10 @@ class Curve:
         E = np.array([0.0, 1.0])
         return cls(E, stiffness * E, np.full(2, stiffness), end=np.inf)
 
+    def steeper(self, slope: float) -> Self:
+        """The curve S + slope · E."""
+        return type(self)(self.E, self.S + slope * self.E, self.slopes + slope, self.end)
+
     @property
     def rest(self) -> float:
         """dS/dE at rest [N/m]."""

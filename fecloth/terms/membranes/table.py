@@ -14,8 +14,10 @@ from fecloth.terms.loops.regge_strain import check_strain
 from fecloth.terms.membranes.curves import PIECE_SIZE, Curve, CurveData, pack, read_rows
 from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import MEMBRANE
+from fecloth.validation import one_of
 
 CURVES = ("warp", "weft", "shear")
+SIDES = ("held", "free")
 BEYOND_LAST = 1 + 1e-6
 """Strain, relative to a curve's last strain, from which on it counts as beyond the curve.
 
@@ -52,9 +54,11 @@ class MembraneTable:
     simple elongation).
 
     Valid for loading: unloading follows the same curve. Tension curves are of specimens that
-    keep their width, as in KES. Near rest the force of a strip with free sides is 1 − ν² times
-    as large. The curve of τ is exact where warp and weft keep their length. It is assumed that
-    c is constant.
+    keep their width, as in KES, or with sides="free" of strips that narrow. Of these the stress
+    is S₁ + c E22 = S₁ − ν² S₁′ E11, as S22 = 0 gives E22 = −c E11/S₂′, with the slopes S′ at rest.
+    So S₁ is the measured stress, plus ν²/(1 − ν²) times its slope at rest times E11: near rest
+    1/(1 − ν²) times as much. The curve of τ is exact where warp and weft keep their length. It is
+    assumed that c is constant.
 
     Cost relative to `StVK`: force 1.6, tangent 1.2, however many points and wherever the
     strains.
@@ -73,6 +77,8 @@ class MembraneTable:
     strain
         On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
         or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
+    sides
+        "held" or "free": how the strips of the curves of warp and weft were tested.
 
     Raises
     ------
@@ -86,10 +92,12 @@ class MembraneTable:
     shear: CurveData | None = None
     poisson: float | None = None
     strain: str = "interpolated"
+    sides: str = "held"
 
     def __post_init__(self) -> None:
         """Replace the data of curves by their points; raise `InputError` as the class says."""
         check_strain(self.strain, "MembraneTable")
+        one_of("sides", self.sides, SIDES, "MembraneTable")
         if self.poisson is not None and not (is_number(self.poisson) and abs(self.poisson) < 1):
             allowed = "must lie between -1 and 1"
             raise InputError(f"poisson = {self.poisson!r}", allowed, "MembraneTable")
@@ -108,22 +116,25 @@ class MembraneTable:
             if rows is None:
                 curves.append(Curve.straight(stiffness))
             else:
-                curves.append(Curve.through(name, rows))
+                curve = Curve.through(name, rows)
+                if self.sides == "free" and name != "shear":
+                    nu = self.ratio(fabric)
+                    curve = curve.steeper(nu**2 / (1 - nu**2) * curve.rest)
+                curves.append(curve)
         return curves
 
-    def coupling(self, fabric: Fabric) -> tuple[float, float]:
-        """c [N/m] for ν at rest, and the largest |c| for which W is convex at every strain.
-
-        ν is `poisson`, else it is √(ν₁₂ ν₂₁) of the fabric.
-        """
+    def ratio(self, fabric: Fabric) -> float:
+        """ν: `poisson`, else √(ν₁₂ ν₂₁) of the fabric."""
+        if self.poisson is not None:
+            return self.poisson
         C = fabric.moduli()
-        if self.poisson is None:
-            nu = C[3] / math.sqrt(C[0] * C[1])  # C12/√(C11 C22)
-        else:
-            nu = self.poisson
+        return float(C[3] / math.sqrt(C[0] * C[1]))  # C12/√(C11 C22)
+
+    def coupling(self, fabric: Fabric) -> tuple[float, float]:
+        """c [N/m] for ν at rest, and the largest |c| for which W is convex at every strain."""
         warp, weft, _ = self.curves(fabric)
         most = math.sqrt(warp.least_slope() * weft.least_slope())  # c² ≤ S₁′ S₂′
-        return nu * math.sqrt(warp.rest * weft.rest), most
+        return self.ratio(fabric) * math.sqrt(warp.rest * weft.rest), most
 
     def moduli(self, fabric: Fabric) -> np.ndarray:
         """(6,) ℂ at E = 0 [N/m]."""

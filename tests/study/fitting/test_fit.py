@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 import fecloth as fc
 from fecloth.errors import InputError, SceneError
@@ -249,7 +250,13 @@ def test_the_fitted_fabric_serves_a_scene_with_its_uncertainty(folder):
     exact = {"fabric.tensile_stiffness.1": 0.0, "fabric.poisson_ratio": 0.0}
     answer = fc.budget(folder / "next.toml", exact, measured)
     assert answer.agrees[0] is False
-    assert "differs" in answer.verdict or "wrong" in answer.verdict
+    assert "the model is wrong by" in answer.verdict
+    # drawn by 50 of 100 mm: the force of the closed form, with its derivative
+    half = fc.sensitivity(
+        folder / "next.toml", "fabric.tensile_stiffness.0", "reaction.grip.x at grip.x = 5 cm"
+    )
+    assert half.value == pytest.approx(force(800.0, 0.05), rel=1e-3)
+    assert half.elasticity == pytest.approx([1.0], rel=1e-3)
 
 
 def test_command_writes_curves_and_the_fabric_and_goes_on_from_stored_runs(folder, capsys):
@@ -395,3 +402,52 @@ def test_the_reach_of_a_grip_is_known_before_the_run():
     assert known_reach(setup, parse_quantity("grip.x")) == pytest.approx((0.0, 0.06))
     assert known_reach(setup, parse_quantity("middle.x")) is None
     assert known_reach(setup, None) == (0.0, 2.0)
+
+
+# --- mistakes in the data -------------------------------------------------------------------------
+
+
+def noisy(factors):
+    """Twenty values of the force, with a scatter of 1 % that is known."""
+    scatter = 0.01 * np.tile([1.0, -1.0, 0.5, -0.5], 5)
+    return drawn_strip(force(1000.0) * (1 + scatter) * factors, sigma=0.01 * force(1000.0))
+
+
+def test_one_point_far_off_is_named_and_the_law_is_not_blamed():
+    factors = np.ones(20)
+    factors[6] = 1.25
+    answer = fc.fit([noisy(factors)], {"stiffness": 900.0}, refined=False)
+    assert "far off the curve of force: point 7 (" in answer.verdict
+    assert not answer.law_fails
+    robust = fc.fit([noisy(factors)], {"stiffness": 900.0}, refined=False, loss="soft_l1")
+    off, off_robust = (abs(each.values["stiffness"] - 1000.0) for each in (answer, robust))
+    assert off > 10.0 > 3 * off_robust
+    factors[:10] = 1.25  # the shape of the data: no single points
+    wrong = fc.fit([noisy(factors)], {"stiffness": 900.0}, refined=False)
+    assert wrong.law_fails
+    assert "far off" not in wrong.verdict
+    with pytest.raises(InputError, match='loss = "cauchy"|must be "linear" or "soft_l1"'):
+        fc.fit([noisy(factors)], {"stiffness": 900.0}, loss="cauchy")
+
+
+def test_a_wrong_unit_is_named_from_a_start_far_off():
+    answer = fc.fit([noisy(1000.0)], {"stiffness": 900.0}, refined=False)
+    assert answer.values["stiffness"] == pytest.approx(1e6, rel=0.01)
+    assert "is a unit wrong (mN written as N, or N as kN)?" in answer.verdict
+    near = fc.fit([noisy(1.0)], {"stiffness": 30.0}, refined=False)
+    assert near.values["stiffness"] == pytest.approx(1000.0, rel=0.01)
+    near = fc.fit([noisy(1.0)], {"stiffness": 900.0}, refined=False)
+    assert "unit" not in near.verdict
+
+
+def test_a_search_that_has_not_converged_says_so_and_does_not_blame_the_law(monkeypatch):
+    from fecloth.study.fitting import fit as fits
+
+    def soon(*given, **more):
+        return least_squares(*given, **more | {"max_nfev": 1})
+
+    monkeypatch.setattr(fits, "least_squares", soon)
+    answer = fc.fit([noisy(1.0)], {"stiffness": 500.0}, refined=False)
+    assert "the search has not converged" in answer.verdict
+    assert not answer.law_fails
+    assert answer.identified == ()

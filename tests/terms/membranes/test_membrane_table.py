@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy
+import scipy.optimize
 from conftest import rough
 from scipy.integrate import quad
 from support.planned import warnings_before
@@ -49,6 +50,21 @@ def test_stress_energy_and_moduli_are_those_of_the_curves(rng):
         np.testing.assert_allclose(S, expected, rtol=1e-12, atol=1e-12)
         assert pytest.approx(sum(part[1] for part in parts) + coupling * E[0] * E[1]) == W
         np.testing.assert_allclose(C, [*(part[2] for part in parts), coupling, 0, 0], rtol=1e-11)
+
+
+def test_a_strip_with_free_sides_bears_the_force_that_it_was_measured_with():
+    """S22 = 0 leaves E22 < 0 free; both directions, at the points and between them."""
+    c = fc.MembraneTable(J, SOFTER, LOCKING, 0.4, sides="free").constants(FABRIC)
+    for rows, along in ((J, 0), (SOFTER, 1)):
+        for E in (0.01, (1.1**2 - 1) / 2, 0.2, 0.3):
+            order = [0, 1] if along == 0 else [1, 0]
+
+            def stresses(across, E=E, order=order):
+                strain = np.array([E, across])[order]
+                return np.array(law((*strain, 0.0), c)[1])[order]
+
+            free = scipy.optimize.brentq(lambda e, of=stresses: of(e)[1], -2.0, 0.0)
+            assert stresses(free)[0] == pytest.approx(stress(rows, E)[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("crowd", [1e-5, 1e-3, 0.03])
