@@ -231,6 +231,11 @@ class Recorder:
                 row |= {key: getattr(counts, key) for key in SUMMED[1:]}
                 steps = {**row, "residual": counts.residual, **record.rows["steps"]}
                 self.files.add_rows({**record.rows, "steps": steps})
+            elif info.counts.rejected:
+                self.folder.log(
+                    f"step {info.step} to {info.t:.6g} s is repeated with {info.dt:.3g} s, after "
+                    f"{amount(info.counts.rejected, 'longer attempt')} without a solution"
+                )
             if self._is_frame_due(info):
                 ended = info.t >= self.problem.t_end
                 accounts = self._write_frame(record.state, info.memory, accounts, ended)

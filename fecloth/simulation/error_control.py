@@ -14,6 +14,7 @@ from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
+from fecloth.simulation.fixed_step import none_short_enough
 from fecloth.simulation.stability_limited import LimitMemory, StabilityLimited
 from fecloth.simulation.step_times import SAME_TIME, ChosenSteps, fit_step
 from fecloth.simulation.within_step import acceleration, deviation_within_step
@@ -235,9 +236,9 @@ class Adaptive(ChosenSteps):
             if attempt.error < math.inf:
                 shorter = min(attempt.dt, max(shorter, self.shortest))
             dt = shorter
-        raise NewtonFailed(
-            f"no step is short enough: at {dt:.2g} s {reason}",
-            getattr(reason, "residual", math.nan),
+        raise none_short_enough(
+            dt,
+            reason,
             "Does a load or a motion of the pins jump here? Let it change in a finite time. "
             "Or take steps of a fixed dt, which need no estimate of their error.",
         )

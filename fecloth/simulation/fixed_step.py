@@ -13,13 +13,28 @@ from fecloth.integrators.step import Step
 from fecloth.nonlinear.equation import has_limits
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.stability_limited import refuse_unstable
-from fecloth.simulation.step_times import SAME_TIME, ChosenSteps, given_times, step_times
+from fecloth.simulation.step_times import (
+    SAME_TIME,
+    SMALLER,
+    ChosenSteps,
+    given_times,
+    step_times,
+)
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
 # Of a step that fails: down to 1/256 of dt, where a failure has another cause.
 MOST_HALVINGS = 8
+
+
+def none_short_enough(
+    dt: float, cause: str | NewtonFailed | SolveFailed, remedy: str = SMALLER
+) -> NewtonFailed:
+    """Return the error of a step that failed at all sizes; dt [s] is the last that was tried."""
+    reason = getattr(cause, "reason", str(cause))
+    residual = getattr(cause, "residual", math.nan)
+    return NewtonFailed(f"no step is short enough: at {dt:.2g} s {reason}", residual, remedy)
 
 
 @remembered
@@ -99,11 +114,11 @@ class FixedStep(ChosenSteps):
             try:
                 step = take_step(self.method, system, state, size, solver, last, history)
                 break
-            except (NewtonFailed, SolveFailed):
+            except (NewtonFailed, SolveFailed) as failure:
                 allowed = size / 2
                 rejected += 1
                 if allowed < self.dt / 2**MOST_HALVINGS:
-                    raise
+                    raise none_short_enough(size, failure) from failure
         after = HalvedMemory(min(2 * allowed, self.dt), step.memory)
         counts = replace(step.counts, rejected=rejected)
         return replace(step, memory=after, counts=counts, size=size)

@@ -9,7 +9,7 @@ from fecloth.simulation.doubts.jumps import find_jumping_motions
 from fecloth.simulation.no_room import name_no_room
 from fecloth.simulation.shorter_steps import name_shorter_steps
 from fecloth.simulation.stability_limited import StabilityLimited
-from fecloth.simulation.steps import SMALLER
+from fecloth.simulation.step_times import SMALLER
 from fecloth.system.system import System
 
 COLLAPSED = (

@@ -20,6 +20,7 @@ MOST_STEPS = 10**8  # whose end times alone take 0.8 GB
 COARSEST_CLOCK = 1e-3
 # Over a step: times, or sizes of steps, that differ by less are the same: the clock's round-off.
 SAME_TIME = 1e-9
+SMALLER = "Take a smaller dt."
 EARLIER = "Start earlier, as at t_start = 0, or take a larger dt."
 
 

@@ -18,13 +18,11 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.step_history import StepHistory, needs_history
-from fecloth.simulation.step_times import EARLIER, SAME_TIME, coarse_clock
+from fecloth.simulation.step_times import EARLIER, SAME_TIME, SMALLER, coarse_clock
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.kinematics import largest_stretch, principal_stretches
 from fecloth.terms.records import remembered
-
-SMALLER = "Take a smaller dt."
 
 
 @remembered

@@ -146,10 +146,12 @@ class Constraints:
 
     def project_matrix(self, A: sparse.spmatrix) -> sparse.csr_matrix:
         """Return P Tᵀ A T P of a sparse matrix A (3n, 3n), with P for all nodes."""
-        A = self.followers.condense(A)
+        A = self.followers.condense(A).tocsr()
         nodes, projectors = self.without_own
-        held = np.eye(3) - projectors
         dofs = 3 * nodes[:, None] + np.arange(3)
+        if not np.diff(A.indptr)[dofs].any():  # A couples i with j as j with i: rows tell
+            return A
+        held = np.eye(3) - projectors
         rows = np.repeat(dofs, 3, axis=1).ravel()
         columns = np.tile(dofs, (1, 3)).ravel()
         # P differs from the unit matrix in the blocks of the constrained nodes alone

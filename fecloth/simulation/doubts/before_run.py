@@ -24,6 +24,7 @@ OF_EQUILIBRIA: tuple[Check, ...] = (
     terms.find_uneven_edges,
     terms.find_gas_without_pressure,
     terms.find_gravity_upwards,
+    terms.find_other_gaps,
     terms.find_cutting_edges,
     pins.find_idle_pins,
     course.find_slow_factors,

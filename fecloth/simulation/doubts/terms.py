@@ -1,6 +1,7 @@
 """Terms that cannot be meant so: missing, counted twice, of another fabric, without effect."""
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterator
 
@@ -9,9 +10,10 @@ import numpy as np
 from fecloth import terms
 from fecloth.simulation.doubts.accepted import accepts_term, join_accepted
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
-from fecloth.simulation.doubts.planned_run import PlannedRun
+from fecloth.simulation.doubts.planned_run import PlannedRun, attempt
 from fecloth.system.system import System
 from fecloth.terms import protocol
+from fecloth.terms.contact.advance import slope_at_surface
 from fecloth.terms.contact.bound_obstacle import BoundObstacle
 from fecloth.terms.contact.inside import cutting_depth
 from fecloth.terms.contact.shape import Sdf
@@ -33,6 +35,8 @@ ERROR_OF_PATTERN = 0.25  # of its rigidity is what hinges miss by the pattern of
 # Poisson's ratio of bending on equilateral triangles, and nearly on Gmsh's.
 POISSON_OF_HINGES = -1 / 3
 ROUND_OFF_OF_COUPLING = 1e-12  # relative; less is no lower coupling
+# |∇φ| of an `Sdf`, or its inverse: from here on its gap is not the gap that was asked for.
+MOST_SLOPE = 3.0
 LEAST_PRESSURE = 0.5  # over the ambient pressure; a gas with less lets the cloth collapse
 
 
@@ -305,6 +309,23 @@ def find_gravity_upwards(run: PlannedRun) -> Iterator[Doubt]:
             if up > max(map(abs, along)):
                 words = f"Gravity pulls up: its z component is {up:g} m/s²"
                 yield Doubt(DoubtKind.TERMS, words, f"write {-up:g} if z points up")
+
+
+def find_other_gaps(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt an `Sdf` whose formula is far from a distance, as it then acts at another gap."""
+    for name, term in run.system.named:
+        if not (isinstance(term, BoundObstacle) and isinstance(term.shape, Sdf)):
+            continue
+        y = term.shape.pose(run.state.t).to_body(run.state.x)
+        slope = attempt(slope_at_surface, term.shape, y, run.state.t, otherwise=math.nan)
+        if not math.isfinite(slope) or 1 / MOST_SLOPE < slope < MOST_SLOPE:
+            continue
+        words = (
+            f"the formula of {name} has the slope {slope:.3g} at its surface, and a distance has "
+            f"1: it acts from {1e3 * term.gap / slope:.2g} mm on, and the gap is "
+            f"{1e3 * term.gap:g} mm"
+        )
+        yield Doubt(DoubtKind.UNITS, words, f"divide the formula by {slope:.3g}")
 
 
 def find_cutting_edges(run: PlannedRun) -> Iterator[Doubt]:

@@ -107,6 +107,21 @@ def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.nd
     return y
 
 
+def slope_at_surface(shape: Shape, y: np.ndarray, t: float) -> float:
+    """Return |∇d| on the surface of a shape, where it is nearest to the points y (n, 3).
+
+    It is 1 where d is a distance. The way to the surface is that of `move_out`, from the point
+    with the least |d|/|∇d|. NaN where the gradient is zero.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = abs(shape.distance(y, t)) / _lengths(shape.gradient(y, t))
+        place = y[np.argmin(way), None]
+        for _ in range(MOST_MOVES_OUT):
+            gradient = shape.gradient(place, t)
+            place = place - shape.distance(place, t) / (gradient @ gradient.T) * gradient
+        return float(_lengths(shape.gradient(place, t))[0])
+
+
 def goes_through(shape: Shape, a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
     """Return whether each straight way (m,) from a to b (m, 3) passes through the shape.
 

@@ -6,9 +6,16 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.contact.points import MOST_PARTS, Points, divisions, longest_edges
+from fecloth.terms.contact.points import (
+    MOST_DIP_OVER_GAP,
+    MOST_PARTS,
+    Points,
+    divisions,
+    longest_edges,
+)
 from fecloth.terms.contact.shape import Shape
 
+ROUND_OFF = 1e-9  # of a dip over the dip that `divisions` allows
 MOST_NAMED = 5  # nodes, or pairs of triangles, that an error names: more make no line
 
 
@@ -60,14 +67,15 @@ def starts_inside(
     return InputError(begin, "must start outside", where, remedy)
 
 
-def cutting_depth(shape: Shape, gap: float, cloth: Cloth) -> float:
+def cutting_depth(shape: Shape, gap: float, cloth: Cloth, stretch: float = 1.0) -> float:
     """Return how deep [m] a triangle may dip into the shape between its points.
 
-    It is 0 if the points are so close that a triangle dips in by no more than is allowed
-    (`divisions`), and else the dip between points of `MOST_PARTS` parts of an edge.
+    It is 0 where triangles dip in by no more than is allowed, `MOST_DIP_OVER_GAP`. `stretch` is
+    that of the longest edges, as of a cloth that a fast ball hits: 1 at rest.
     """
-    if divisions(shape, gap, cloth) <= MOST_PARTS:
-        return 0.0
-    part = float(longest_edges(cloth).max()) / MOST_PARTS
+    parts = min(divisions(shape, gap, cloth), MOST_PARTS)
+    part = stretch * float(longest_edges(cloth).max()) / parts
     radius = shape.radius_of_curvature + gap
-    return min(part**2 / (6 * radius), 0.5 * part)  # half of a part: at an edge of 90 degrees
+    depth = min(part**2 / (6 * radius), 0.5 * part)  # half of a part: at an edge of 90 degrees
+    allowed = MOST_DIP_OVER_GAP * gap * (1 + ROUND_OFF)
+    return depth if depth > allowed else 0.0

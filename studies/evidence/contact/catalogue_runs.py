@@ -17,6 +17,7 @@ from fecloth.terms.contact.bound_contact import BoundContact
 from fecloth.terms.contact.bound_obstacle import BoundObstacle
 from fecloth.terms.contact.inside import cutting_depth
 from fecloth.terms.contact.points import MOST_DIP_OVER_GAP
+from fecloth.terms.kinematics import largest_stretch
 from studies.evidence.contact.catalogue_bodies import Body
 from studies.evidence.contact.catalogue_scenes import Scene, draw, inner_points
 
@@ -77,7 +78,8 @@ def look(scene: Scene, before: fc.State, state: fc.State, row: dict) -> None:
     for body, term in zip(scene.bodies, obstacles_of(scene), strict=True):
         announced = 0.0
         if isinstance(term, BoundObstacle):  # between its points triangles dip by so much
-            told = cutting_depth(term.shape, term.gap, cloth)
+            stretch = max(1.0, largest_stretch(cloth, state.x))
+            told = cutting_depth(term.shape, term.gap, cloth, stretch)
             announced = max(told, MOST_DIP_OVER_GAP * term.gap)
         row["piercings"] += count_piercings(body, triangles, before, state, announced)
         if body.depth is not None:

@@ -108,6 +108,11 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
         pin("left", until=1e-4),
     ),
     (
+        r"formula of Obstacle has the slope 100 at its surface.* from 0.01 mm on.* divide .* 100",
+        terms(fc.StVK(), fc.Obstacle(fc.shapes.Sdf("100*(sqrt(x**2+y**2+(z+1)**2)-0.5)", 0.5))),
+        terms(fc.StVK(), fc.Obstacle(fc.shapes.Sdf("x**2 + y**2 + (z+1)**2 - 0.5**2", 0.5))),
+    ),
+    (
         "Obstacle stands 2 times",
         terms(fc.StVK(), *2 * [fc.Obstacle(fc.shapes.Sphere((0, 0, -1), 0.5))]),
         terms(fc.StVK(), *(fc.Obstacle(fc.shapes.Sphere((x, 0, -1), 0.5)) for x in (0, 1))),

@@ -206,6 +206,16 @@ def test_what_is_told_is_how_deep_a_part_dips_into_a_ball():
     assert cutting_depth(term.shape, term.gap, cloth) == pytest.approx(exact, rel=0.05)
 
 
+@pytest.mark.parametrize(("dip", "stretch"), [(0.25 * 9.9**2, 1.7), (0.24, 1.2)])
+def test_stretched_triangles_dip_deeper(dip, stretch):
+    """Of the same ball: by the square of the stretch, also where nothing is told at rest."""
+    term, cloth, parts = bound_triangle(dip)
+    radius = 0.1**2 / (6 * dip * GAP)
+    exact = radius - math.sqrt(radius**2 - (stretch * 0.1 / parts) ** 2 / 3)
+    told = cutting_depth(term.shape, term.gap, cloth, stretch)
+    assert told == pytest.approx(exact, rel=0.05)
+
+
 @pytest.mark.parametrize(("part", "near"), [(0.8, True), (1.25, False)])
 def test_points_of_triangles_are_looked_at_up_to_two_edges_from_their_nodes(part, near):
     """A point is at most 2 edges from the nearest node of a cloth that is stretched threefold."""

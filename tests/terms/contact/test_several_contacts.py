@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.integrators.protocol import refuse_crossed
+from fecloth.integrators.protocol import refuse_crossed, take_step
 from fecloth.integrators.step import Step
 from fecloth.mesh.surface import find_intersections
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
+from fecloth.scene.scene import scene_of
 from fecloth.simulation.fixed_step import MOST_HALVINGS, FixedStep, HalvedMemory
 from fecloth.terms.contact.guess import Way, find_guess
 
@@ -123,8 +124,30 @@ def test_a_step_is_at_least_a_256th():
     least = 0.5**MOST_HALVINGS
     assert least == 1 / 256
     assert step_of(Stubborn(1.25 * least)).size == least
-    with pytest.raises(NewtonFailed, match="too long"):
+    with pytest.raises(NewtonFailed, match="no step is short enough: at 0.0039 s too long"):
         step_of(Stubborn(0.8 * least))
+
+
+def test_the_log_says_which_step_was_repeated_and_how_long_it_was(tmp_path, monkeypatch):
+    def fails_above(method, system, state, dt, *others):
+        if dt > 0.003:
+            raise NewtonFailed("too long", np.nan, "")
+        return take_step(method, system, state, dt, *others)
+
+    monkeypatch.setattr("fecloth.simulation.fixed_step.take_step", fails_above)
+    plane = {"type": "Plane", "point": [0, 0, -1], "normal": [0, 0, 1]}
+    scene = {
+        "cloth": {"shape": "rectangle", "width": 1.0, "height": 1.0, "h": 1.0},
+        "fabric": {"areal_density": 0.2, "tensile_stiffness": 100.0},
+        "terms": [
+            {"type": "StVK"},
+            {"type": "Obstacle", "shape": plane},
+        ],
+        "time": {"method": "bdf2", "dt": 0.01, "t_end": 0.02},
+    }
+    fc.run_scene(scene_of(scene), tmp_path / "out")
+    words = "step 1 to 0.0025 s is repeated with 0.0025 s, after 2 longer attempts without"
+    assert (tmp_path / "out" / "run.log").read_text().count(words) == 1
 
 
 def test_a_step_shortened_by_a_stop_does_not_count_as_a_failure():
