@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from fecloth.mesh.mortar import mortar_weights
+from fecloth.mesh.mortar import _multipliers, mortar_weights
 
 PLACES = np.array([0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.8, 0.93, 1.0])
 LEADING = np.array([0.0, 0.3, 0.62, 1.0])
@@ -64,3 +64,12 @@ def test_weights_are_local():
     """Ten times as many nodes have as many leaders each."""
     W = mortar_weights(np.linspace(0, 1, 301), np.linspace(0, 1, 201), 2)
     assert np.diff(W.indptr).max() <= 6
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_multipliers_contain_the_polynomials_of_the_degree_below(degree):
+    """So the error of a traction that they stand for has the order of the elements."""
+    s = np.linspace(0.01, 0.99, 40)
+    psi = _multipliers(PLACES, s, degree)
+    for power in range(degree):
+        np.testing.assert_allclose(psi @ nodes(PLACES, degree) ** power, s**power, atol=1e-14)
