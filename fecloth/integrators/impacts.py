@@ -65,7 +65,7 @@ class Struck(NamedTuple):
     works
         Work [J] of what each term touches and of Λ − Λ₀, w·(Λ − Λ₀): 0 where it stands still.
     forces
-        The mean normal forces Λ/h (p,) [N] at the places of each term.
+        The mean normal forces (p,) [N] at the places of each term, for friction.
     """
 
     state: State
@@ -109,8 +109,11 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     work = touches.surface * beyond
     ends = np.cumsum([0 if part is None else len(part.surface) for part in parts])[:-1]
     works = tuple(float(each.sum()) for each in np.split(work, ends))
-    h = opening.stage.wv / opening.stage.wa
-    forces = tuple(np.split(impulses / h, ends))
+    # Friction acts in the next step: a force that lasts adds h times itself to v in each step,
+    # and a force of one step dt times itself, with what the method remembers of it.
+    lasting = opening.stage.wv / opening.stage.wa
+    times = np.where(strikes, opening.dt, lasting)
+    forces = tuple(np.split(impulses / times, ends))
     return Struck(state, change(strikes * impulses), change(strikes * beyond), works, forces)
 
 

@@ -110,6 +110,19 @@ def test_an_oblique_impact_takes_nothing_along_the_plane(mass):
     assert left == pytest.approx(0.6, abs=0.01)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_an_oblique_impact_with_friction_takes_its_part_of_the_impulse(method):
+    """Coulomb: μ (1 + e) v_n along the plane."""
+    cloth, dt, e = fc.Cloth.rectangle(0.05, 0.05, 0.05, "right"), 0.01, 0.5
+    floor = fc.Obstacle(FLOOR, GAP, friction=0.2, restitution=e)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), floor])
+    x = flat(cloth) + [0, 0, GAP + 2.4 * dt]
+    start = system.state(x, 0 * x + [2.0, 0, -1.0])
+    run = fc.run(system, method, start, dt, 12 * dt, newton=fc.Newton(1e-10))
+    velocity = system.nodal_mass @ run.state.v / system.total_mass
+    assert velocity[0] == pytest.approx(2.0 - 0.2 * (1 + e), abs=1e-3)
+
+
 def test_steps_that_follow_their_error_pass_an_impact():
     """No step is short enough for the jump of the velocity, which is no error."""
     cloth = fc.Cloth.rectangle(0.05, 0.05, 0.05, "right")
