@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -15,7 +15,7 @@ from fecloth.mesh.selection import Where
 from fecloth.mesh.sewn_cloth import SewnCloth
 from fecloth.mesh.sewn_edge import SewnEdge
 from fecloth.quantities.arguments import checks_arguments
-from fecloth.quantities.units import ANGLE, TIME
+from fecloth.quantities.units import ANGLE, HYSTERESIS, TIME
 from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Pin
 from fecloth.system.sewn_nodes import SewnNodes
@@ -54,7 +54,7 @@ class Seam:
         Whether the second edge begins at its other end.
     stiffness
         0.0: both sides turn freely, as on a hinge. A number: the moment per length and angle
-        [N m/rad per m], see `SeamBending`. "cloth": the cloth's own bending goes on, as inside
+        [N] (N m per m and rad), see `SeamBending`. "cloth": the cloth's own bending goes on, as inside
         a piece. Then the nodes of the edges must match, and one edge must be the other one,
         moved without a turn, with the cloth on its other side.
     angle
@@ -80,7 +80,7 @@ class Seam:
     first: Where
     second: Where
     reverse: bool = False
-    stiffness: float | str = 0.0
+    stiffness: Annotated[float | Literal["cloth"], HYSTERESIS] = 0.0
     angle: Annotated[float, ANGLE] = 0.0
     close: Annotated[float | None, TIME] = None
 
