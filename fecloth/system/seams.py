@@ -54,9 +54,9 @@ class Seam:
         Whether the second edge begins at its other end.
     stiffness
         0.0: both sides turn freely, as on a hinge. A number: the moment per length and angle
-        [N] (N m per m and rad), see `SeamBending`. "cloth": the cloth's own bending goes on, as inside
-        a piece. Then the nodes of the edges must match, and one edge must be the other one,
-        moved without a turn, with the cloth on its other side.
+        [N] (N m per m and rad), see `SeamBending`. "cloth": the cloth's own bending goes on, as
+        inside a piece. Then the nodes of the edges must match, and one edge must be the other
+        one, moved without a turn, with the cloth on its other side.
     angle
         The angle of a seam with a stiffness at which it has no moment [rad].
     close
