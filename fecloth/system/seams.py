@@ -119,6 +119,7 @@ class Seam:
         second = second.reversed() if self.reverse else second
         if np.intersect1d(first.nodes[1:-1], second.nodes[1:-1]).size:
             raise InputError("an edge sewn to itself", "must be sewn to another", self.label)
+        _check_corners(first, second, cloth, self.label)
         lengths = first.length, second.length
         if max(lengths) * (1 - MOST_EASING) > min(lengths):
             what = f"edges of {lengths[0]:.4g} m and {lengths[1]:.4g} m"
@@ -242,6 +243,22 @@ def sewn_cloth(seams: Sequence[Seam], cloth: Cloth) -> SewnCloth:
         what = 'stiffness = "cloth" with the cloth on the same side of both edges'
         raise InputError(what, "needs it on both sides", plates[0].seam.label, PLATE_REMEDY)
     return sewn
+
+
+def _check_corners(first: SewnEdge, second: SewnEdge, cloth: Cloth, label: str) -> None:
+    """Raise `InputError` for edges that meet at a node with one triangle or two.
+
+    Sewn, one triangle would have no area, and two would lie on each other.
+    """
+    for end in (0, -1):
+        node = first.nodes[end]
+        count = np.count_nonzero(cloth.triangles == node)
+        if node == second.nodes[end] and count <= 2:
+            X, Y = cloth.X[node]
+            what = f"edges around the corner ({X:.6g}, {Y:.6g}) m, which has {count} triangles"
+            allowed = "must have at least 3 there, as sewn ones collapse"
+            remedy = "Cut the corner off the mesh, or leave the last nodes of both edges out."
+            raise InputError(what, allowed, label, remedy)
 
 
 def _check_plate(pair: SewnPair, cloth: Cloth) -> None:

@@ -221,6 +221,31 @@ def test_refusals_name_the_seam():
         sewn(SEAM, fc.Seam("a.left", "b.left"))
 
 
+@pytest.mark.parametrize(
+    ("seam", "count"),
+    [(fc.Seam("left", "bottom"), 2), (fc.Seam("left", "top", reverse=True), 1)],
+    ids=["two triangles", "one triangle"],
+)
+def test_a_seam_around_a_corner_of_few_triangles_is_refused(seam, count):
+    """Sewn, one triangle has no area, and two lie on each other. Without the corner it is sewn."""
+    cloth = fc.Cloth.rectangle(0.2, 0.2, h=0.05, pattern="right")
+    corner = np.intersect1d(cloth.nodes(seam.first), cloth.nodes(seam.second))
+    with pytest.raises(InputError, match=rf"which has {count} triangles.*Cut the corner off"):
+        fc.System(cloth, FABRIC, [fc.StVK()], seams=[seam])
+    first, second = (np.setdiff1d(cloth.nodes(e), corner) for e in (seam.first, seam.second))
+    fc.System(cloth, FABRIC, [fc.StVK()], seams=[fc.Seam(first, second, seam.reverse)])
+
+
+def test_three_triangles_are_sewn_to_a_cone():
+    angle = np.radians([0.0, 30.0, 60.0, 90.0])
+    X = np.vstack([(0.0, 0.0), np.column_stack([np.cos(angle), np.sin(angle)])])
+    cloth = fc.Cloth(X, np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4]]))
+    system = fc.System(
+        cloth, FABRIC, [fc.StVK()], seams=[fc.Seam(np.array([0, 1]), np.array([0, 4]))]
+    )
+    assert len(system.free) == 3 * 4
+
+
 def body_force(X: np.ndarray) -> np.ndarray:
     """−div P (n, 2) of `smooth`, for StVK with ν = 0 and Y = 1000 N/m, by differences [N/m²]."""
     step = 1e-4
