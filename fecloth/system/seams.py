@@ -193,6 +193,20 @@ class SewnPair:
             yield int(node), self.leading.nodes[W.indices[begin:end]], W.data[begin:end]
 
 
+def _find_pairs(seams: Sequence[Seam], cloth: Cloth) -> list[SewnPair]:
+    """Find the edges of all seams; raise `InputError` for two seams of the same edges."""
+    pairs = [SewnPair.of(seam, cloth) for seam in seams]
+    numbers: dict[frozenset, int] = {}
+    for number, pair in enumerate(pairs, start=1):
+        edges = frozenset(frozenset(e.half_edges.tolist()) for e in (pair.leading, pair.following))
+        first = numbers.setdefault(edges, number)
+        if first != number:
+            what = f"[[seams]] {first} and {number} sew the same edges"
+            remedy = "Leave one of them out."
+            raise InputError(what, "edges are sewn together once", pair.seam.label, remedy)
+    return pairs
+
+
 def sew(seams: Sequence[Seam], cloth: Cloth, constraints: Constraints) -> Constraints:
     """Return the constraints with the nodes that follow, and with pins on their leaders.
 
@@ -201,8 +215,8 @@ def sew(seams: Sequence[Seam], cloth: Cloth, constraints: Constraints) -> Constr
     follows in two other ways, for seams that lead back to themselves, and for a pin on a node
     that follows others that are not pinned alike.
     """
-    pairs = [SewnPair.of(seam, cloth) for seam in seams]
-    followers = SewnNodes(_resolve(pairs, len(cloth.X)))
+    pairs = _find_pairs(seams, cloth)
+    followers = SewnNodes(_resolve(pairs, cloth.X))
     close = np.zeros(len(cloth.X))
     for pair in pairs:
         if pair.seam.close is not None:  # of nodes that are one, any may follow
@@ -227,7 +241,7 @@ def sewn_cloth(seams: Sequence[Seam], cloth: Cloth) -> SewnCloth:
 
     Raises `InputError` for a seam with stiffness = "cloth" whose edges do not allow that.
     """
-    pairs = [SewnPair.of(seam, cloth) for seam in seams]
+    pairs = _find_pairs(seams, cloth)
     meeting = [
         (node, int(leader))
         for pair in pairs
@@ -254,11 +268,15 @@ def _check_corners(first: SewnEdge, second: SewnEdge, cloth: Cloth, label: str) 
         node = first.nodes[end]
         count = np.count_nonzero(cloth.triangles == node)
         if node == second.nodes[end] and count <= 2:
-            X, Y = cloth.X[node]
-            what = f"edges around the corner ({X:.6g}, {Y:.6g}) m, which has {count} triangles"
+            what = f"edges around the corner {_place(cloth.X[node])}, which has {count} triangles"
             allowed = "must have at least 3 there, as sewn ones collapse"
             remedy = "Cut the corner off the mesh, or leave the last nodes of both edges out."
             raise InputError(what, allowed, label, remedy)
+
+
+def _place(X: np.ndarray) -> str:
+    """Where a node is on the flat cloth, in words."""
+    return f"({X[0]:.6g}, {X[1]:.6g}) m"
 
 
 def _check_plate(pair: SewnPair, cloth: Cloth) -> None:
@@ -277,8 +295,9 @@ def _column(seam: Seam) -> str:
     return seam.first if isinstance(seam.first, str) else "seam"
 
 
-def _resolve(pairs: Sequence[SewnPair], n: int) -> sparse.csr_matrix:
-    """Return T (n, n): the weights of all nodes by those that follow none."""
+def _resolve(pairs: Sequence[SewnPair], X: np.ndarray) -> sparse.csr_matrix:
+    """Return T (n, n) of nodes at X (n, 2): their weights by the nodes that follow none."""
+    n = len(X)
     stands = _standing(pairs, n)
     rows = dict(enumerate(zip(stands[:, None], np.ones((n, 1)), strict=True)))
     ruled: dict[int, Seam] = {}
@@ -288,7 +307,7 @@ def _resolve(pairs: Sequence[SewnPair], n: int) -> sparse.csr_matrix:
             if len(leaders) == 1:
                 continue
             if node in ruled:
-                what = f"node {followed} follows in {ruled[node].label}, too"
+                what = f"the node at {_place(X[followed])} follows in {ruled[node].label}, too"
                 allowed = "must follow in one seam, but at ends and on matching edges"
                 remedy = "Make the edges of one of them match, node by node."
                 raise InputError(what, allowed, pair.seam.label, remedy)
@@ -360,10 +379,8 @@ def _pins_on_leaders(
         # the weights of all leaders, and those of the leaders that are held
         free = followed[(abs(T[followed]) @ (1.0 - is_held)) > SAME_WEIGHT]
         if len(free):
-            X, Y = cloth.X[free[0]]
-            what = (
-                f"pin {name!r} holds node {free[0]} at ({X:.6g}, {Y:.6g}) m, which follows a seam"
-            )
+            place = _place(cloth.X[free[0]])
+            what = f"pin {name!r} holds the node at {place}, which follows a seam"
             remedy = "Pin the other edge of the seam, which leads, or leave the node out."
             raise InputError(what, "must hold the nodes that it follows, too", "Seam", remedy)
     return groups

@@ -217,7 +217,7 @@ def test_refusals_name_the_seam():
         sewn(fc.Seam("a.right", "a.right"))
     with pytest.raises(InputError, match="one path"):
         sewn(fc.Seam(lambda X: (X[:, 0] < 1e-9) | (X[:, 0] > 1 - 1e-9), "a.right"))
-    with pytest.raises(InputError, match="follows in Seam"):
+    with pytest.raises(InputError, match=r"the node at \(.*\) m follows in Seam"):
         sewn(SEAM, fc.Seam("a.left", "b.left"))
 
 
@@ -244,6 +244,23 @@ def test_three_triangles_are_sewn_to_a_cone():
         cloth, FABRIC, [fc.StVK()], seams=[fc.Seam(np.array([0, 1]), np.array([0, 4]))]
     )
     assert len(system.free) == 3 * 4
+
+
+@pytest.mark.parametrize(
+    "again",
+    [
+        SEAM,
+        fc.Seam("b.left", "a.right"),
+        replace(SEAM, reverse=True),
+        replace(SEAM, close=0.1),
+    ],
+    ids=["twice", "swapped", "reversed", "once with a time"],
+)
+@pytest.mark.parametrize("h", [(0.05, 0.05), (0.05, 0.04)], ids=["matching", "not matching"])
+def test_two_seams_of_the_same_edges_are_refused(h, again):
+    other = fc.Seam("a.left", "b.right")
+    with pytest.raises(InputError, match=r"\[\[seams\]\] 1 and 3 sew the same edges"):
+        fc.System(halves("P1", h), FABRIC, [fc.StVK()], seams=[SEAM, other, again])
 
 
 def body_force(X: np.ndarray) -> np.ndarray:
