@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 
-from fecloth.errors import InputError, brief, flag, is_number
+from fecloth.errors import InputError, brief, errors_of, flag, is_number
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.mortar import mortar_weights
 from fecloth.mesh.selection import Where
@@ -115,7 +115,10 @@ class Seam:
 
     def edges(self, cloth: Cloth) -> tuple[SewnEdge, SewnEdge]:
         """Return the edge that leads and the one that follows; raise `InputError` for others."""
-        first, second = (SewnEdge.find(cloth, where) for where in (self.first, self.second))
+        with errors_of(self.label, f"first = {brief(self.first)}: "):
+            first = SewnEdge.find(cloth, self.first)
+        with errors_of(self.label, f"second = {brief(self.second)}: "):
+            second = SewnEdge.find(cloth, self.second)
         second = second.reversed() if self.reverse else second
         if np.intersect1d(first.nodes[1:-1], second.nodes[1:-1]).size:
             raise InputError("an edge sewn to itself", "must be sewn to another", self.label)

@@ -84,7 +84,8 @@ def test_a_broken_off_run_goes_on_bit_for_bit(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("old", "new", "key"),
     [
-        ('second = "back.left"', 'second = "back.lef"', "seams.0"),
+        ('first = "front.left"', 'first = "front.lef"', r"seams\.0\.first = 'front.lef'.*you mean"),
+        ('second = "back.left"', 'second = "back.lef"', r"seams\.0\.second = 'back.lef'"),
         ('second = "back.right"', 'second = "back.boundary"', "seams.1"),
         ("stiffness = 0.001", 'stiffness = "cloth"', "seams.1"),
         ('"front/top"', '"back/left"', "seams"),
