@@ -19,7 +19,9 @@ from fecloth.quantities.units import ANGLE, HYSTERESIS, TIME
 from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Pin
 from fecloth.system.sewn_nodes import SewnNodes
+from fecloth.terms.bending.friction import BendingFriction
 from fecloth.terms.bending.seam import SeamBending
+from fecloth.terms.traits import has_kind
 
 MOST_EASING = 0.2  # of the longer edge: the most by which two sewn edges may differ in length
 SAME_PLACE = 1e-6  # of the length of an edge: so near, two edges are the same but for a shift
@@ -93,6 +95,10 @@ class Seam:
             raise InputError(f"stiffness = {k!r}", allowed, self.label)
         if not (is_number(self.angle) and abs(self.angle) < np.pi):
             raise InputError(f"angle = {self.angle!r}", "must be between -π and π", self.label)
+        if self.angle and (k == "cloth" or not k):
+            remedy = "Give the moment per length and angle, as stiffness = 0.001 [N]."
+            what = f"angle = {self.angle:.6g} with stiffness = {k!r}"
+            raise InputError(what, "needs a number > 0 as its stiffness", self.label, remedy)
         if self.close is not None and not (is_number(self.close) and self.close > 0):
             raise InputError(f"close = {self.close!r}", "must be > 0 s, or None", self.label)
 
@@ -102,8 +108,16 @@ class Seam:
         return f"Seam({brief(self.first)}, {brief(self.second)})"
 
     def complete(self, seams: "Sequence[Seam]", cloth: Cloth, terms: tuple) -> tuple[Cloth, tuple]:
-        """Return the cloth and the terms of a system with these seams, of which this is one."""
+        """Return the cloth and the terms of a system with these seams, of which this is one.
+
+        Raises `InputError` for a seam whose bending goes on where no term bends.
+        """
+        bends = has_kind(terms, "bending") or any(isinstance(t, BendingFriction) for t in terms)
         for seam in seams:
+            if seam.stiffness == "cloth" and not bends:
+                remedy = "Add PlateBending, or leave the stiffness out: the seam is a hinge then."
+                allowed = "needs a term of bending, which goes on"
+                raise InputError('stiffness = "cloth"', allowed, seam.label, remedy)
             bending = seam.bending(cloth)
             if bending and bending not in terms:
                 terms = (*terms, bending)
