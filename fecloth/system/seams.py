@@ -247,10 +247,13 @@ def sew(seams: Sequence[Seam], cloth: Cloth, constraints: Constraints) -> Constr
         }
         left = _Closing(close[followers.nodes, None])
         followers = replace(followers, left=left, closing=rows)
-    return replace(
-        Constraints.of(_pins_on_leaders(constraints, followers.T, cloth), cloth),
-        followers=followers,
-    )
+    groups = _pins_on_leaders(constraints, followers.T, cloth, pairs)
+    try:
+        on_leaders = Constraints.of(groups, cloth)
+    except InputError as error:
+        remedy = "Sewn nodes are one: pin the edge that leads, and leave the other one out."
+        raise InputError(error.what, error.allowed, "Seam", remedy) from None
+    return replace(on_leaders, followers=followers)
 
 
 def sewn_cloth(seams: Sequence[Seam], cloth: Cloth) -> SewnCloth:
@@ -371,7 +374,7 @@ def _standing(pairs: Sequence[SewnPair], n: int) -> np.ndarray:
 
 
 def _pins_on_leaders(
-    constraints: Constraints, T: sparse.csr_matrix, cloth: Cloth
+    constraints: Constraints, T: sparse.csr_matrix, cloth: Cloth, pairs: Sequence[SewnPair]
 ) -> dict[str, tuple[Pin, np.ndarray]]:
     """Return the pins by name, each with the nodes (k,) that it holds in place of followers.
 
@@ -398,7 +401,9 @@ def _pins_on_leaders(
         if len(free):
             place = _place(cloth.X[free[0]])
             what = f"pin {name!r} holds the node at {place}, which follows a seam"
-            remedy = "Pin the other edge of the seam, which leads, or leave the node out."
+            leads = (brief(p.leading.where) for p in pairs if free[0] in p.following.nodes)
+            remedy = f"Pin {next(leads, 'the other edge')}, which leads, and leave this edge out: "
+            remedy += "the pin holds both edges."
             raise InputError(what, "must hold the nodes that it follows, too", "Seam", remedy)
     return groups
 

@@ -213,6 +213,13 @@ def test_refusals_name_the_seam():
         sewn(fc.Seam("a.right", "b.bottom"))
     with pytest.raises(InputError, match="must hold the nodes that it follows, too"):
         sewn(SEAM, pins=["b/left"])
+    moved = fc.Pin("b/left", motion=("0.1*t", 0, 0))
+    with pytest.raises(InputError, match="Pin 'a.right', which leads, and leave this edge out"):
+        sewn(SEAM, pins=[replace(moved, where="a/right"), moved])
+    with pytest.raises(InputError, match="Sewn nodes are one: pin the edge that leads"):
+        sewn(SEAM, pins=["a/right", replace(moved, where=cloth.nodes("b/left")[[0]])])
+    fixed = sewn(SEAM, pins=["a/right", "b/left"])
+    assert len(fixed.free) == len(sewn(SEAM, pins=["a/right"]).free)
     with pytest.raises(InputError, match="sewn to itself"):
         sewn(fc.Seam("a.right", "a.right"))
     with pytest.raises(InputError, match="one path"):
