@@ -25,7 +25,7 @@ from fecloth.terms.traits import has_kind
 
 MOST_EASING = 0.2  # of the longer edge: the most by which two sewn edges may differ in length
 SAME_PLACE = 1e-6  # of the length of an edge: so near, two edges are the same but for a shift
-PLATE_REMEDY = "Give a number [N m/rad per m], or lay the pieces side by side on the flat cloth."
+PLATE_REMEDY = "Give a number [N], or lay the pieces side by side on the flat cloth."
 MOST_GAP = 0.2  # of the shortest edge: a seam with less is closed at the start
 SAME_WEIGHT = 1e-9  # weights of two seams of one node that are as near are the same
 
@@ -91,7 +91,7 @@ class Seam:
         flag("reverse", self.reverse, "Seam")
         k = self.stiffness
         if k != "cloth" and not (is_number(k) and k >= 0):
-            allowed = 'must be >= 0 N m/rad per m, or "cloth"'
+            allowed = 'must be >= 0 N, or "cloth"'
             raise InputError(f"stiffness = {k!r}", allowed, self.label)
         if not (is_number(self.angle) and abs(self.angle) < np.pi):
             raise InputError(f"angle = {self.angle!r}", "must be between -π and π", self.label)
