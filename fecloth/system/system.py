@@ -655,10 +655,15 @@ class System:
         return self.constraints.admissible(len(self.cloth.X))
 
     @cached_property
-    def free_mass(self) -> SuperLU:
-        """A factor of ZᵀMZ, with Z of `admissible`."""
+    def reduced_mass(self) -> sparse.csc_matrix:
+        """(f, f) ZᵀMZ [kg], with Z of `admissible`."""
         Z = self.admissible
-        return splu((Z.T @ self.mass @ Z).tocsc())
+        return (Z.T @ self.mass @ Z).tocsc()
+
+    @cached_property
+    def free_mass(self) -> SuperLU:
+        """A factor of `reduced_mass`."""
+        return splu(self.reduced_mass)
 
     @property
     def symmetric(self) -> bool:
