@@ -23,6 +23,7 @@ Source: Moreau (1988), Unilateral Contact and Dry Friction in Finite Freedom Dyn
 Courses and Lectures 302, with the velocity at the begin of a step as the one before the impact.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -94,10 +95,11 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     touches = Touches.join(touching)
     system = opening.system
     rows = (touches.rows @ system.admissible).tocsr()
+    factor = splu(system.free_mass)
     u = touches.rows @ new.v.ravel() - touches.surface
 
     def change(of_places: np.ndarray) -> np.ndarray:
-        solution: np.ndarray = system.free_mass.solve(rows.T @ of_places)
+        solution: np.ndarray = factor.solve(rows.T @ of_places)
         return solution
 
     pushed = change(touches.pushed)
@@ -107,7 +109,7 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     c = np.where(strikes, touches.restitution * approach, 0.0)
     impulses, q = touches.pushed, pushed
     if ((u > c) | strikes).any():
-        touched = Places(system.reduced_mass, rows, free, touches.pushed)
+        touched = Places(system.free_mass, rows, free, touches.pushed)
         impulses, q = touched.find_impulses(c, strikes, pushed)
     beyond = impulses - touches.pushed
 
@@ -238,42 +240,47 @@ class Places(NamedTuple):
         """
         gives = np.where(self.own > 0.0, COMPLIANCE * self.own, np.inf)
         fastest = float((np.abs(self.free) + c).max())
+
+        def impulses_at(u: np.ndarray) -> np.ndarray:
+            impulses: np.ndarray = np.clip((c - u) / gives, 0.0, most)
+            return impulses
+
         q = start
         for _ in range(MOST_ITERATIONS):
             u = self.free + self.rows @ q
-            wanted = (c - u) / gives
-            impulses = np.clip(wanted, 0.0, most)
+            impulses = impulses_at(u)
             residual = self.mass @ q - self.rows.T @ impulses
-            slopes = sparse.diags(((wanted > 0.0) & (wanted < most)) / gives)
+            slopes = sparse.diags(((impulses > 0.0) & (impulses < most)) / gives)
             tangent = (self.mass + self.rows.T @ slopes @ self.rows).tocsc()
             direction = splu(tangent).solve(-residual)
             faster = self.rows @ direction
             if np.abs(faster).max() <= SPEED_TOLERANCE * fastest:
                 return impulses, q
-            step = self._line_search(residual, direction, u, c, most, gives)
-            q = q + step * direction
+            inertia = float(direction @ (self.mass @ direction))
+            begin = float(direction @ residual)
+            q = q + _find_step(begin, inertia, u, faster, impulses_at) * direction
         reason = "the impulses of contacts at the end of the step are not found"
         raise NewtonFailed(reason, np.nan, "Take a smaller dt.")
 
-    def _line_search(
-        self,
-        residual: np.ndarray,
-        direction: np.ndarray,
-        u: np.ndarray,
-        c: np.ndarray,
-        most: np.ndarray,
-        gives: np.ndarray,
-    ) -> float:
-        """The part of a Newton step: the whole, or up to where the slope along it is 0."""
-        faster = self.rows @ direction
-        inertia = float(direction @ (self.mass @ direction))
-        before = np.clip((c - u) / gives, 0.0, most)
-        begin = float(direction @ residual)
 
-        def slope(step: float) -> float:
-            after = np.clip((c - u - step * faster) / gives, 0.0, most)
-            return begin + step * inertia - float(faster @ (after - before))
+def _find_step(
+    begin: float,
+    inertia: float,
+    u: np.ndarray,
+    faster: np.ndarray,
+    impulses_at: Callable[[np.ndarray], np.ndarray],
+) -> float:
+    """The part of a Newton step: the whole, or up to where the slope along it is 0.
 
-        if slope(1.0) <= SLOPE_ALLOWED * abs(begin):
-            return 1.0
-        return float(scipy.optimize.brentq(slope, 0.0, 1.0, xtol=STEP_TOLERANCE))
+    The slope is `begin` at first. The whole step has the `inertia` d·M d, and changes the speeds u
+    (m,) of the places by `faster`.
+    """
+    impulses = impulses_at(u)
+
+    def slope(step: float) -> float:
+        change = impulses_at(u + step * faster) - impulses
+        return begin + step * inertia - float(faster @ change)
+
+    if slope(1.0) <= SLOPE_ALLOWED * abs(begin):
+        return 1.0
+    return float(scipy.optimize.brentq(slope, 0.0, 1.0, xtol=STEP_TOLERANCE))
