@@ -110,7 +110,7 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     impulses, q = touches.pushed, pushed
     if ((u > c) | strikes).any():
         touched = Places(system.free_mass, rows, free, touches.pushed)
-        impulses, q = touched.find_impulses(c, strikes, pushed)
+        impulses, q = touched.find_impulses(c, strikes)
     beyond = impulses - touches.pushed
 
     def velocity(change: np.ndarray) -> np.ndarray:
@@ -186,20 +186,18 @@ class Places(NamedTuple):
         changes: np.ndarray = self.rows.power(2) @ (1 / self.mass.diagonal())
         return changes
 
-    def find_impulses(
-        self, c: np.ndarray, strikes: np.ndarray, start: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def find_impulses(self, c: np.ndarray, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the impulses Λ (m,) [N s] and the change q (f,) of the velocities by them [m/s].
 
-        `c` (m,) are the speeds that are asked for, and `strikes` (m,) the impacts; `start` is the
-        change by Λ₀. Where connected impulses would do work on the cloth, less is asked for.
-        Raises `NewtonFailed` if they are not found.
+        `c` (m,) are the speeds that are asked for, and `strikes` (m,) the impacts. Where connected
+        impulses would do work on the cloth, less is asked for. Raises `NewtonFailed` if they are
+        not found.
         """
         most = self.limits(c, strikes)
-        impulses, q = self.solve(c, most, start)
+        impulses, q = self.solve(c, most)
         while (gained := (c > 0.0) & self.gains_energy(impulses, self.rows @ q)).any():
             c = np.where(gained, LESS_SPEED * c, c)
-            impulses, q = self.solve(c, most, start)
+            impulses, q = self.solve(c, most)
         return impulses, q
 
     def limits(self, c: np.ndarray, strikes: np.ndarray) -> np.ndarray:
@@ -224,9 +222,7 @@ class Places(NamedTuple):
         gains_here: np.ndarray = gains[groups]
         return gains_here
 
-    def solve(
-        self, c: np.ndarray, most: np.ndarray, start: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def solve(self, c: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the impulses Λ (m,) [N s] and the change q (f,) of the velocities [m/s].
 
         A place that gives way has Λ(u) = (c − u)/ε, cut to lie between 0 and Λ_most, with ε of
@@ -245,7 +241,9 @@ class Places(NamedTuple):
             impulses: np.ndarray = np.clip((c - u) / gives, 0.0, most)
             return impulses
 
-        q = start
+        # Exact where no places share a node.
+        alone = np.clip(COMPLIANCE * (c - self.free) / gives, 0.0, most)
+        q = splu(self.mass).solve(self.rows.T @ alone)
         for _ in range(MOST_ITERATIONS):
             u = self.free + self.rows @ q
             impulses = impulses_at(u)
