@@ -1,6 +1,6 @@
 """A deformed cloth as flat triangles: what is turned over, what intersects, what is enclosed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.elements import ELEMENTS
+from fecloth.mesh.sewn_cloth import NO_PAIRS, SewnCloth
 
 # Rounding error of the difference of two coordinates, over the larger of them: some units in the
 # last place, 2.2e-16.
@@ -142,18 +143,22 @@ class Surface:
         (s, 3) nodes.
     sides
         (h, 2) the two triangles at each interior edge.
+    meeting
+        (p, 2) nodes that meet at seams, see `SewnCloth`.
     """
 
     triangles: np.ndarray
     sides: np.ndarray
+    meeting: np.ndarray = field(default_factory=lambda: NO_PAIRS)
 
     @classmethod
     def from_cloth(cls, cloth: Cloth) -> Self:
         """Return the surface of a cloth."""
+        meeting = cloth.meeting if isinstance(cloth, SewnCloth) else NO_PAIRS
         if cloth.element == "P1":
-            return cls(cloth.triangles, cloth.hinges.sides)
+            return cls(cloth.triangles, cloth.hinges.sides, meeting)
         edges = cloth.edge_slopes.edges
-        return cls(edges.triangles, edges.hinges.sides)
+        return cls(edges.triangles, edges.hinges.sides, meeting)
 
     def node_areas(self, X: np.ndarray) -> np.ndarray:
         """(n,) a third of the areas of the triangles of each node, at X (n, 2) [m²]."""
@@ -178,8 +183,20 @@ class Surface:
         return int(is_inverted.sum())
 
     def count_intersections(self, x: np.ndarray) -> int | None:
-        """Count the pairs of triangles that intersect, see `find_intersections`."""
-        return count_intersections(self.triangles, x)
+        """Count the pairs of triangles that intersect, see `find_intersections`.
+
+        Pairs with nodes that meet at a seam do not count, as those with a common node: between
+        the nodes of edges that do not match, they may overlap a little.
+        """
+        pairs = find_intersections(self.triangles, x)
+        if pairs is None:
+            return None
+        n = len(x)
+        meeting = np.concatenate([self.meeting @ (n, 1), self.meeting @ (1, n)])
+        # (p, 3, 1) and (p, 1, 3): all pairs of a corner of one triangle and one of the other
+        first, second = self.triangles.astype(np.int64)[pairs.T]
+        at_seam = np.isin(first[:, :, None] * n + second[:, None], meeting).any(axis=(1, 2))
+        return int(np.count_nonzero(~at_seam))
 
 
 @dataclass(frozen=True, eq=False)

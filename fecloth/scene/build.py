@@ -158,7 +158,7 @@ def _refuse_parts(
     for i, pin in enumerate(pins):
         with errors_at(f"pins.{i}", scene.source, written, scene.text):
             find_clamps(Constraints.bind([pin], cloth), cloth, start)
-    _refuse_seams(scene, cloth, fabric, pins, errors_of_key)
+    _refuse_seams(scene, cloth, terms, pins, errors_of_key)
     with errors_of_key("fabric" if scene.fabric else "fabrics"):
         Panel.cut(cloth, fabric)
     with errors_of_key("grain_degrees"):
@@ -171,13 +171,14 @@ def _refuse_parts(
 
 
 def _refuse_seams(
-    scene: Any, cloth: Cloth, fabric: Any, pins: list[Pin], errors_of_key: ErrorsOfKey
+    scene: Any, cloth: Cloth, terms: list, pins: list[Pin], errors_of_key: ErrorsOfKey
 ) -> None:
     """Raise `SceneError` for the first seam that alone makes no system; else for all together."""
     seams = [table.make() for table in scene.seams]
     for i, seam in enumerate(seams):
         with errors_of_key(f"seams.{i}"):
-            System(cloth, fabric, terms=(), seams=[seam])
+            seam.complete([seam], cloth, tuple(terms))
+            seam.sew([seam], cloth, Constraints.bind((), cloth))
     with errors_of_key("seams"):
         for seam in seams[:1]:
             seam.sew(seams, cloth, Constraints.bind(pins, cloth))

@@ -2,24 +2,26 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 
-from fecloth.errors import InputError, brief, flag, is_number
+from fecloth.errors import InputError, brief, errors_of, flag, is_number
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.mortar import mortar_weights
 from fecloth.mesh.selection import Where
 from fecloth.mesh.sewn_cloth import SewnCloth
 from fecloth.mesh.sewn_edge import SewnEdge
 from fecloth.quantities.arguments import checks_arguments
-from fecloth.quantities.units import ANGLE, TIME
+from fecloth.quantities.units import ANGLE, HYSTERESIS, TIME
 from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Pin
 from fecloth.system.sewn_nodes import SewnNodes
+from fecloth.terms.bending.friction import BendingFriction
 from fecloth.terms.bending.seam import SeamBending
+from fecloth.terms.traits import has_kind
 
 MOST_EASING = 0.2  # of the longer edge: the most by which two sewn edges may differ in length
 SAME_PLACE = 1e-6  # of the length of an edge: so near, two edges are the same but for a shift
@@ -54,9 +56,9 @@ class Seam:
         Whether the second edge begins at its other end.
     stiffness
         0.0: both sides turn freely, as on a hinge. A number: the moment per length and angle
-        [N m/rad per m], see `SeamBending`. "cloth": the cloth's own bending goes on, as inside
-        a piece. Then the nodes of the edges must match, and one edge must be the other one,
-        moved without a turn, with the cloth on its other side.
+        [N] (N m per m and rad), see `SeamBending`. "cloth": the cloth's own bending goes on, as
+        inside a piece. Then the nodes of the edges must match, and one edge must be the other
+        one, moved without a turn, with the cloth on its other side.
     angle
         The angle of a seam with a stiffness at which it has no moment [rad].
     close
@@ -80,7 +82,7 @@ class Seam:
     first: Where
     second: Where
     reverse: bool = False
-    stiffness: float | str = 0.0
+    stiffness: Annotated[float | Literal["cloth"], HYSTERESIS] = 0.0
     angle: Annotated[float, ANGLE] = 0.0
     close: Annotated[float | None, TIME] = None
 
@@ -93,6 +95,10 @@ class Seam:
             raise InputError(f"stiffness = {k!r}", allowed, self.label)
         if not (is_number(self.angle) and abs(self.angle) < np.pi):
             raise InputError(f"angle = {self.angle!r}", "must be between -π and π", self.label)
+        if self.angle and (k == "cloth" or not k):
+            remedy = "Give the moment per length and angle, as stiffness = 0.001 [N]."
+            what = f"angle = {self.angle:.6g} with stiffness = {k!r}"
+            raise InputError(what, "needs a number > 0 as its stiffness", self.label, remedy)
         if self.close is not None and not (is_number(self.close) and self.close > 0):
             raise InputError(f"close = {self.close!r}", "must be > 0 s, or None", self.label)
 
@@ -102,8 +108,16 @@ class Seam:
         return f"Seam({brief(self.first)}, {brief(self.second)})"
 
     def complete(self, seams: "Sequence[Seam]", cloth: Cloth, terms: tuple) -> tuple[Cloth, tuple]:
-        """Return the cloth and the terms of a system with these seams, of which this is one."""
+        """Return the cloth and the terms of a system with these seams, of which this is one.
+
+        Raises `InputError` for a seam whose bending goes on where no term bends.
+        """
+        bends = has_kind(terms, "bending") or any(isinstance(t, BendingFriction) for t in terms)
         for seam in seams:
+            if seam.stiffness == "cloth" and not bends:
+                remedy = "Add PlateBending, or leave the stiffness out: the seam is a hinge then."
+                allowed = "needs a term of bending, which goes on"
+                raise InputError('stiffness = "cloth"', allowed, seam.label, remedy)
             bending = seam.bending(cloth)
             if bending and bending not in terms:
                 terms = (*terms, bending)
@@ -115,10 +129,14 @@ class Seam:
 
     def edges(self, cloth: Cloth) -> tuple[SewnEdge, SewnEdge]:
         """Return the edge that leads and the one that follows; raise `InputError` for others."""
-        first, second = (SewnEdge.find(cloth, where) for where in (self.first, self.second))
+        with errors_of(self.label, f"first = {brief(self.first)}: "):
+            first = SewnEdge.find(cloth, self.first)
+        with errors_of(self.label, f"second = {brief(self.second)}: "):
+            second = SewnEdge.find(cloth, self.second)
         second = second.reversed() if self.reverse else second
         if np.intersect1d(first.nodes[1:-1], second.nodes[1:-1]).size:
             raise InputError("an edge sewn to itself", "must be sewn to another", self.label)
+        _check_corners(first, second, cloth, self.label)
         lengths = first.length, second.length
         if max(lengths) * (1 - MOST_EASING) > min(lengths):
             what = f"edges of {lengths[0]:.4g} m and {lengths[1]:.4g} m"
@@ -192,6 +210,20 @@ class SewnPair:
             yield int(node), self.leading.nodes[W.indices[begin:end]], W.data[begin:end]
 
 
+def _find_pairs(seams: Sequence[Seam], cloth: Cloth) -> list[SewnPair]:
+    """Find the edges of all seams; raise `InputError` for two seams of the same edges."""
+    pairs = [SewnPair.of(seam, cloth) for seam in seams]
+    numbers: dict[frozenset, int] = {}
+    for number, pair in enumerate(pairs, start=1):
+        edges = frozenset(frozenset(e.half_edges.tolist()) for e in (pair.leading, pair.following))
+        first = numbers.setdefault(edges, number)
+        if first != number:
+            what = f"[[seams]] {first} and {number} sew the same edges"
+            remedy = "Leave one of them out."
+            raise InputError(what, "edges are sewn together once", pair.seam.label, remedy)
+    return pairs
+
+
 def sew(seams: Sequence[Seam], cloth: Cloth, constraints: Constraints) -> Constraints:
     """Return the constraints with the nodes that follow, and with pins on their leaders.
 
@@ -200,8 +232,8 @@ def sew(seams: Sequence[Seam], cloth: Cloth, constraints: Constraints) -> Constr
     follows in two other ways, for seams that lead back to themselves, and for a pin on a node
     that follows others that are not pinned alike.
     """
-    pairs = [SewnPair.of(seam, cloth) for seam in seams]
-    followers = SewnNodes(_resolve(pairs, len(cloth.X)))
+    pairs = _find_pairs(seams, cloth)
+    followers = SewnNodes(_resolve(pairs, cloth.X))
     close = np.zeros(len(cloth.X))
     for pair in pairs:
         if pair.seam.close is not None:  # of nodes that are one, any may follow
@@ -226,7 +258,7 @@ def sewn_cloth(seams: Sequence[Seam], cloth: Cloth) -> SewnCloth:
 
     Raises `InputError` for a seam with stiffness = "cloth" whose edges do not allow that.
     """
-    pairs = [SewnPair.of(seam, cloth) for seam in seams]
+    pairs = _find_pairs(seams, cloth)
     meeting = [
         (node, int(leader))
         for pair in pairs
@@ -242,6 +274,26 @@ def sewn_cloth(seams: Sequence[Seam], cloth: Cloth) -> SewnCloth:
         what = 'stiffness = "cloth" with the cloth on the same side of both edges'
         raise InputError(what, "needs it on both sides", plates[0].seam.label, PLATE_REMEDY)
     return sewn
+
+
+def _check_corners(first: SewnEdge, second: SewnEdge, cloth: Cloth, label: str) -> None:
+    """Raise `InputError` for edges that meet at a node with one triangle or two.
+
+    Sewn, one triangle would have no area, and two would lie on each other.
+    """
+    for end in (0, -1):
+        node = first.nodes[end]
+        count = np.count_nonzero(cloth.triangles == node)
+        if node == second.nodes[end] and count <= 2:
+            what = f"edges around the corner {_place(cloth.X[node])}, which has {count} triangles"
+            allowed = "must have at least 3 there, as sewn ones collapse"
+            remedy = "Cut the corner off the mesh, or leave the last nodes of both edges out."
+            raise InputError(what, allowed, label, remedy)
+
+
+def _place(X: np.ndarray) -> str:
+    """Where a node is on the flat cloth, in words."""
+    return f"({X[0]:.6g}, {X[1]:.6g}) m"
 
 
 def _check_plate(pair: SewnPair, cloth: Cloth) -> None:
@@ -260,8 +312,9 @@ def _column(seam: Seam) -> str:
     return seam.first if isinstance(seam.first, str) else "seam"
 
 
-def _resolve(pairs: Sequence[SewnPair], n: int) -> sparse.csr_matrix:
-    """Return T (n, n): the weights of all nodes by those that follow none."""
+def _resolve(pairs: Sequence[SewnPair], X: np.ndarray) -> sparse.csr_matrix:
+    """Return T (n, n) of nodes at X (n, 2): their weights by the nodes that follow none."""
+    n = len(X)
     stands = _standing(pairs, n)
     rows = dict(enumerate(zip(stands[:, None], np.ones((n, 1)), strict=True)))
     ruled: dict[int, Seam] = {}
@@ -271,7 +324,7 @@ def _resolve(pairs: Sequence[SewnPair], n: int) -> sparse.csr_matrix:
             if len(leaders) == 1:
                 continue
             if node in ruled:
-                what = f"node {followed} follows in {ruled[node].label}, too"
+                what = f"the node at {_place(X[followed])} follows in {ruled[node].label}, too"
                 allowed = "must follow in one seam, but at ends and on matching edges"
                 remedy = "Make the edges of one of them match, node by node."
                 raise InputError(what, allowed, pair.seam.label, remedy)
@@ -343,10 +396,8 @@ def _pins_on_leaders(
         # the weights of all leaders, and those of the leaders that are held
         free = followed[(abs(T[followed]) @ (1.0 - is_held)) > SAME_WEIGHT]
         if len(free):
-            X, Y = cloth.X[free[0]]
-            what = (
-                f"pin {name!r} holds node {free[0]} at ({X:.6g}, {Y:.6g}) m, which follows a seam"
-            )
+            place = _place(cloth.X[free[0]])
+            what = f"pin {name!r} holds the node at {place}, which follows a seam"
             remedy = "Pin the other edge of the seam, which leads, or leave the node out."
             raise InputError(what, "must hold the nodes that it follows, too", "Seam", remedy)
     return groups

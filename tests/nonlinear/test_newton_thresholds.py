@@ -38,7 +38,7 @@ class Script:
         is_whole=True,
         sums=SUMS,
         diagonal_mass=None,
-        constraints=SimpleNamespace(project=lambda y: y),
+        constraints=SimpleNamespace(project=lambda y: y, expand=lambda y: y),
     )
     wx, longest, takes_short_solves, explores = 1.0, np.inf, False, False
     remedies = Remedies(REMEDIES["on_failure"], clamped=len(MULTIPLES))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.mesh.surface import Surface
 
 pytest.importorskip("ipctk")
 
@@ -30,6 +31,26 @@ def test_triangles_that_meet_at_a_seam_do_not_push_each_other(h):
         newton = fc.Newton(tolerance=1e-10)
         ends.append(fc.run(system, fc.BackwardEuler(), start, dt=2e-3, t_end=0.01, newton=newton))
     np.testing.assert_allclose(ends[1].state.x, ends[0].state.x, atol=1e-8)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_triangles_that_meet_at_a_seam_do_not_count_as_intersections(element):
+    a = fc.Cloth.rectangle(0.2, 0.2, h=0.05, pattern="right", element=element)
+    b = fc.Cloth.rectangle(0.2, 0.2, h=0.04, pattern="right", element=element)
+    cloth = fc.Cloth.join([a, replace(b, X=b.X + (0.2, 0.0))], names=["a", "b"])
+    system = fc.System(cloth, FABRIC, [fc.StVK()], seams=[fc.Seam("a.right", "b.left")])
+    follow = system.constraints.followers.follow
+    sewn, loose = Surface.from_cloth(system.cloth), Surface.from_cloth(cloth)
+    X, Y = cloth.X.T
+    beyond = np.maximum(X - 0.2, 0.0)
+    z = 0.02 * np.sin(30 * Y)
+    # b is turned back over a: their chords cross at the seam, and nowhere else
+    over = follow(np.column_stack([X - 1.5 * beyond, Y, z + 0.2 * beyond]))
+    assert loose.count_intersections(over) > 10
+    assert sewn.count_intersections(over) == 0
+    # b lies flat in the waves of a
+    through = follow(np.column_stack([X - 1.9 * beyond, Y, np.where(beyond > 0.0, 0.0, z)]))
+    assert sewn.count_intersections(through) > 10
 
 
 @pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")

@@ -217,8 +217,50 @@ def test_refusals_name_the_seam():
         sewn(fc.Seam("a.right", "a.right"))
     with pytest.raises(InputError, match="one path"):
         sewn(fc.Seam(lambda X: (X[:, 0] < 1e-9) | (X[:, 0] > 1 - 1e-9), "a.right"))
-    with pytest.raises(InputError, match="follows in Seam"):
+    with pytest.raises(InputError, match=r"the node at \(.*\) m follows in Seam"):
         sewn(SEAM, fc.Seam("a.left", "b.left"))
+
+
+@pytest.mark.parametrize(
+    ("seam", "count"),
+    [(fc.Seam("left", "bottom"), 2), (fc.Seam("left", "top", reverse=True), 1)],
+    ids=["two triangles", "one triangle"],
+)
+def test_a_seam_around_a_corner_of_few_triangles_is_refused(seam, count):
+    """Sewn, one triangle has no area, and two lie on each other. Without the corner it is sewn."""
+    cloth = fc.Cloth.rectangle(0.2, 0.2, h=0.05, pattern="right")
+    corner = np.intersect1d(cloth.nodes(seam.first), cloth.nodes(seam.second))
+    with pytest.raises(InputError, match=rf"which has {count} triangles.*Cut the corner off"):
+        fc.System(cloth, FABRIC, [fc.StVK()], seams=[seam])
+    first, second = (np.setdiff1d(cloth.nodes(e), corner) for e in (seam.first, seam.second))
+    fc.System(cloth, FABRIC, [fc.StVK()], seams=[fc.Seam(first, second, seam.reverse)])
+
+
+def test_three_triangles_are_sewn_to_a_cone():
+    angle = np.radians([0.0, 30.0, 60.0, 90.0])
+    X = np.vstack([(0.0, 0.0), np.column_stack([np.cos(angle), np.sin(angle)])])
+    cloth = fc.Cloth(X, np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4]]))
+    system = fc.System(
+        cloth, FABRIC, [fc.StVK()], seams=[fc.Seam(np.array([0, 1]), np.array([0, 4]))]
+    )
+    assert len(system.free) == 3 * 4
+
+
+@pytest.mark.parametrize(
+    "again",
+    [
+        SEAM,
+        fc.Seam("b.left", "a.right"),
+        replace(SEAM, reverse=True),
+        replace(SEAM, close=0.1),
+    ],
+    ids=["twice", "swapped", "reversed", "once with a time"],
+)
+@pytest.mark.parametrize("h", [(0.05, 0.05), (0.05, 0.04)], ids=["matching", "not matching"])
+def test_two_seams_of_the_same_edges_are_refused(h, again):
+    other = fc.Seam("a.left", "b.right")
+    with pytest.raises(InputError, match=r"\[\[seams\]\] 1 and 3 sew the same edges"):
+        fc.System(halves("P1", h), FABRIC, [fc.StVK()], seams=[SEAM, other, again])
 
 
 def body_force(X: np.ndarray) -> np.ndarray:
