@@ -3,6 +3,7 @@
 import ast
 import builtins
 import contextlib
+import dataclasses
 import importlib
 import inspect
 import re
@@ -24,7 +25,13 @@ from fecloth.study.fitting.file import KEYS, OF_EXPERIMENTS
 ROOTS = {"system": fc.System, "cloth": fc.Cloth, "fabric": fc.Fabric, "state": fc.State}
 ROOTS |= {"result": fc.Result, "info": StepInfo, "StepInfo": StepInfo}
 ROOTS |= {"method": fc.Newmark, "opening": Opening}
-ROOTS |= {"fc": fc, "fecloth": fc, "C": None, "frequency": None}  # frequency(2) is a quantity
+ROOTS |= {
+    "dataclasses": dataclasses,
+    "fc": fc,
+    "fecloth": fc,
+    "C": None,
+    "frequency": None,
+}  # frequency(2) is a quantity
 ROOTS |= dict.fromkeys((*dir(builtins), *formula_functions.FUNCTIONS))
 TEXT = "\n".join(map(read, NAMES))
 # what the version brings, without the former names at its end

@@ -98,6 +98,7 @@ def blocks(language):
 def filled(command):
     """A command's words but the first, with the reader's own names filled in, and made short."""
     name, *given = words(command)[1:]
+    given = [word for word in given if word != "--watch"]  # it needs a display
     given = [FILLED.get(f"{name} {word}", FILLED.get(word, word)) for word in given]
     if name in FRONTS:
         given = [word.replace("SCENE.toml", "FRONT.toml") for word in given]

@@ -23,12 +23,15 @@ Source: Moreau (1988), Unilateral Contact and Dry Friction in Finite Freedom Dyn
 Courses and Lectures 302, with the velocity at the begin of a step as the one before the impact.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy.optimize
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
 
 from fecloth.integrators.step import Opening
 from fecloth.nonlinear.newton import NewtonFailed
@@ -37,13 +40,17 @@ from fecloth.system.system import History, System
 from fecloth.terms.contact.bound_contact import Touched
 from fecloth.terms.contact.touches import Touches
 
-# Speeds are exact to this part of the fastest one; e is then so, too.
-SPEED_TOLERANCE = 1e-10
-ROUND_OFF_OF_WORK = 1e-5  # above that of the speeds
-MOST_ITERATIONS = 2_000
-# Of connected places, over their own A: there are more of them than ways of the nodes, and
-# without it the conjugate gradients take ten times the iterations. It is an error of e, too.
-COMPLIANCE = 1e-3
+# A place gives way by this part of what its impulse alone would change: there are more places than
+# ways of the nodes, and then they share the impulse. It is an error of e, too.
+COMPLIANCE = 1e-7
+# Speeds that change by less than this part of the fastest one are those that were looked for.
+SPEED_TOLERANCE = 1e-12
+MOST_ITERATIONS = 1_000
+# A whole step along which the slope rises above this part of its start, with the other sign, is
+# cut to where the slope is 0.
+SLOPE_ALLOWED = 0.5
+STEP_TOLERANCE = 1e-14  # less, and there are more steps
+ROUND_OFF_OF_WORK = 1e-5  # above COMPLIANCE
 # The most impulse of an impact over the impulse that it needs alone: no pile has as many layers.
 MOST_IMPULSE = 100.0
 LESS_SPEED = 0.95  # of what connected places are asked for, where they would gain energy
@@ -86,26 +93,32 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     if not touching:
         return Struck(new, np.zeros_like(new.v), np.zeros_like(new.v))
     touches = Touches.join(touching)
-    G = touches.rows
-    changes = unit_changes(opening.system, G)
-    A = (G @ changes).tocsr()
-    u = G @ new.v.ravel() - touches.surface
-    free = u - A @ touches.pushed
+    system = opening.system
+    rows = (touches.rows @ system.admissible).tocsr()
+    factor = splu(system.free_mass)
+    u = touches.rows @ new.v.ravel() - touches.surface
+
+    def change(of_places: np.ndarray) -> np.ndarray:
+        solution: np.ndarray = factor.solve(rows.T @ of_places)
+        return solution
+
+    pushed = change(touches.pushed)
+    free = u - rows @ pushed
     strikes = is_impact(touches.before, free)
     approach = np.maximum(np.minimum(-touches.before, -free), 0.0)
     c = np.where(strikes, touches.restitution * approach, 0.0)
-    impulses = touches.pushed
-    if ((u > c) | (strikes & (u < c))).any():
-        most = limits(A.diagonal(), free, c, impulses, strikes)
-        impulses = find_impulses(A, free, c, impulses, most)
+    impulses, q = touches.pushed, pushed
+    if ((u > c) | strikes).any():
+        touched = Places(system.free_mass, rows, free, touches.pushed)
+        impulses, q = touched.find_impulses(c, strikes)
     beyond = impulses - touches.pushed
 
-    def change(of_places: np.ndarray) -> np.ndarray:
-        return np.reshape(changes @ of_places, new.v.shape)
+    def velocity(change: np.ndarray) -> np.ndarray:
+        return np.reshape(system.admissible @ change, new.v.shape)
 
     state = new
     if beyond.any():
-        state = replace(new, v=new.v + change(beyond))
+        state = replace(new, v=new.v + velocity(q - pushed))
     work = touches.surface * beyond
     ends = np.cumsum([0 if part is None else len(part.surface) for part in parts])[:-1]
     works = tuple(float(each.sum()) for each in np.split(work, ends))
@@ -114,7 +127,8 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     lasting = opening.stage.wv / opening.stage.wa
     times = np.where(strikes, opening.dt, lasting)
     forces = tuple(np.split(impulses / times, ends))
-    return Struck(state, change(strikes * impulses), change(strikes * beyond), works, forces)
+    stroke, of_impacts = (velocity(change(strikes * places)) for places in (impulses, beyond))
+    return Struck(state, stroke, of_impacts, works, forces)
 
 
 def with_forces(history: History | None, struck: Struck) -> History | None:
@@ -127,38 +141,9 @@ def with_forces(history: History | None, struck: Struck) -> History | None:
     )
 
 
-def unit_changes(system: System, G: sparse.csr_matrix) -> sparse.csc_matrix:
-    """Return the changes (3n, m) of v by unit impulses along the rows G (m, 3n) [1/kg].
-
-    They are Z (ZᵀMZ)⁻¹ Zᵀ Gᵀ, with a basis Z of the motions that pins allow.
-    """
-    Z = system.admissible
-    along = (Z.T @ G.T).tocsc()
-    if system.mass_kind == "lumped":
-        mass = Z.power(2).T @ system.mass_rows.ravel()
-        return (Z @ (sparse.diags(1 / mass) @ along)).tocsc()
-    return (Z @ sparse.csc_matrix(system.free_mass.solve(along.toarray()))).tocsc()
-
-
 def share_mass(system: System) -> None:
-    """Make what `unit_changes` needs, before a step copies the system: the copies share it."""
-    if system.mass_kind == "lumped":
-        _ = system.admissible
-    else:
-        _ = system.free_mass
-
-
-def limits(
-    own: np.ndarray, free: np.ndarray, c: np.ndarray, pushed: np.ndarray, strikes: np.ndarray
-) -> np.ndarray:
-    """Return Λ_most (m,) [N s]: a limit for impacts, too, as there is no Λ for walls that close.
-
-    `own` (m,) is the diagonal of G M⁻¹ Gᵀ, and `strikes` (m,) are the impacts.
-    """
-    can_move = own > 0.0  # else pins hold all of its nodes
-    needed = np.divide(np.abs(free) + c, own, out=np.zeros_like(c), where=can_move)
-    most: np.ndarray = pushed + MOST_IMPULSE * strikes * needed
-    return most
+    """Make what impacts need, before a step copies the system: the copies share it."""
+    _ = system.free_mass
 
 
 def is_impact(before: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -172,100 +157,128 @@ def is_impact(before: np.ndarray, free: np.ndarray) -> np.ndarray:
     return strikes
 
 
-def find_impulses(
-    A: sparse.csr_matrix, free: np.ndarray, c: np.ndarray, pushed: np.ndarray, most: np.ndarray
-) -> np.ndarray:
-    """Return the impulses Λ (m,) [N s].
+class Places(NamedTuple):
+    """The m places that touch, in f admissible velocities.
 
-    A (m, m) is G M⁻¹ Gᵀ, `free` are u_free (m,), c (m,) the speeds that are asked for, `pushed`
-    Λ₀ (m,) and `most` Λ_most (m,). Where connected impulses would do work on the cloth, less is
-    asked for. Raises `NewtonFailed` if they are not found.
+    Attributes
+    ----------
+    mass
+        (f, f) the mass ZᵀMZ, see `System.admissible`.
+    rows
+        (m, f) G Z.
+    free
+        (m,) u_free [m/s].
+    pushed
+        (m,) Λ₀ [N s].
     """
-    impulses, u = solve(A, free, c, pushed, most)
-    while (gained := gains_energy(A, impulses, u, free) & (c > 0.0)).any():
-        c = np.where(gained, LESS_SPEED * c, c)
-        impulses, u = solve(A, free, c, pushed, most)
-    return impulses
+
+    mass: sparse.csc_matrix
+    rows: sparse.csr_matrix
+    free: np.ndarray
+    pushed: np.ndarray
+
+    @property
+    def own(self) -> np.ndarray:
+        """The change of speed (m,) by each unit impulse alone [1/kg], with the diagonal mass.
+
+        It is 0 where pins hold all of a place.
+        """
+        changes: np.ndarray = self.rows.power(2) @ (1 / self.mass.diagonal())
+        return changes
+
+    def find_impulses(self, c: np.ndarray, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the impulses Λ (m,) [N s] and the change q (f,) of the velocities by them [m/s].
+
+        `c` (m,) are the speeds that are asked for, and `strikes` (m,) the impacts. Where connected
+        impulses would do work on the cloth, less is asked for. Raises `NewtonFailed` if they are
+        not found.
+        """
+        most = self.limits(c, strikes)
+        impulses, q = self.solve(c, most)
+        while (gained := (c > 0.0) & self.gains_energy(impulses, self.rows @ q)).any():
+            c = np.where(gained, LESS_SPEED * c, c)
+            impulses, q = self.solve(c, most)
+        return impulses, q
+
+    def limits(self, c: np.ndarray, strikes: np.ndarray) -> np.ndarray:
+        """Return Λ_most (m,) [N s]: of impacts, too, as there is no Λ for walls that close."""
+        can_move = self.own > 0.0
+        needed = np.divide(np.abs(self.free) + c, self.own, out=np.zeros_like(c), where=can_move)
+        most: np.ndarray = self.pushed + MOST_IMPULSE * strikes * needed
+        return most
+
+    def gains_energy(self, impulses: np.ndarray, faster: np.ndarray) -> np.ndarray:
+        """Whether each place (m,) is among connected ones whose impulses do work on the cloth.
+
+        The work is Σ Λ (u + u_free)/2 [J], where `faster` (m,) is u − u_free. With one e and one
+        speed it is never positive.
+        """
+        u = self.free + faster
+        _, groups = connected_components(sparse.bmat([[None, self.rows], [self.rows.T, self.mass]]))
+        groups = groups[: len(u)]
+        work = np.bincount(groups, 0.5 * impulses * (u + self.free))
+        round_off = np.bincount(groups, impulses * (np.abs(u) + np.abs(self.free)))
+        gains = work > ROUND_OFF_OF_WORK * round_off
+        gains_here: np.ndarray = gains[groups]
+        return gains_here
+
+    def solve(self, c: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the impulses Λ (m,) [N s] and the change q (f,) of the velocities [m/s].
+
+        A place that gives way has Λ(u) = (c − u)/ε, cut to lie between 0 and Λ_most, with ε of
+        `COMPLIANCE`. The change satisfies
+
+            ZᵀMZ q = (GZ)ᵀ Λ(u),   u = u_free + GZ q,
+
+        where the gradient of a convex function is 0, which is quadratic in regions. Newton's method
+        with a line search is exact in the last region (Qi and Sun 1993, A Nonsmooth
+        Version of Newton's Method, Math. Program. 58). Raises `NewtonFailed` if it does not end.
+        """
+        gives = np.where(self.own > 0.0, COMPLIANCE * self.own, np.inf)
+        fastest = float((np.abs(self.free) + c).max())
+
+        def impulses_at(u: np.ndarray) -> np.ndarray:
+            impulses: np.ndarray = np.clip((c - u) / gives, 0.0, most)
+            return impulses
+
+        # Exact where no places share a node.
+        alone = np.clip(COMPLIANCE * (c - self.free) / gives, 0.0, most)
+        q = splu(self.mass).solve(self.rows.T @ alone)
+        for _ in range(MOST_ITERATIONS):
+            u = self.free + self.rows @ q
+            impulses = impulses_at(u)
+            residual = self.mass @ q - self.rows.T @ impulses
+            slopes = sparse.diags(((impulses > 0.0) & (impulses < most)) / gives)
+            tangent = (self.mass + self.rows.T @ slopes @ self.rows).tocsc()
+            direction = splu(tangent).solve(-residual)
+            faster = self.rows @ direction
+            if np.abs(faster).max() <= SPEED_TOLERANCE * fastest:
+                return impulses, q
+            inertia = float(direction @ (self.mass @ direction))
+            begin = float(direction @ residual)
+            q = q + _find_step(begin, inertia, u, faster, impulses_at) * direction
+        reason = "the impulses of contacts at the end of the step are not found"
+        raise NewtonFailed(reason, np.nan, "Take a smaller dt.")
 
 
-def gains_energy(
-    A: sparse.csr_matrix, impulses: np.ndarray, u: np.ndarray, free: np.ndarray
-) -> np.ndarray:
-    """Whether each place (m,) is among connected ones whose impulses do work on the cloth.
+def _find_step(
+    begin: float,
+    inertia: float,
+    u: np.ndarray,
+    faster: np.ndarray,
+    impulses_at: Callable[[np.ndarray], np.ndarray],
+) -> float:
+    """The part of a Newton step: the whole, or up to where the slope along it is 0.
 
-    The work is Σ Λ (u + u_free)/2 [J]. With one e and one speed it is never positive.
+    The slope is `begin` at first. The whole step has the `inertia` d·M d, and changes the speeds u
+    (m,) of the places by `faster`.
     """
-    _, groups = connected_components(A, directed=False)
-    work = np.bincount(groups, 0.5 * impulses * (u + free))
-    round_off = np.bincount(groups, impulses * (np.abs(u) + np.abs(free)))
-    gains = work > ROUND_OFF_OF_WORK * round_off
-    gains_here: np.ndarray = gains[groups]
-    return gains_here
+    impulses = impulses_at(u)
 
+    def slope(step: float) -> float:
+        change = impulses_at(u + step * faster) - impulses
+        return begin + step * inertia - float(faster @ change)
 
-def solve(
-    A: sparse.csr_matrix, free: np.ndarray, c: np.ndarray, pushed: np.ndarray, most: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the impulses Λ (m,) [N s] and the speeds u (m,) [m/s] with them.
-
-    They minimise ½ Λ·A Λ + Λ·(u_free − c) between 0 and Λ_most, where the gradient is u − c. It
-    is done by conjugate gradients along the impulses between their limits, with A scaled to a
-    diagonal of 1; a step is cut where it meets a limit, and the limits are left where the
-    gradient there is the larger part (Dostál and Schöberl 2005, Minimizing Quadratic Functions
-    Subject to Bound Constraints with the Rate of Convergence and Finite Termination, Comput.
-    Optim. Appl. 30). The arguments are those of `find_impulses`. Raises `NewtonFailed` if it
-    does not end.
-    """
-    own = A.diagonal()
-    if A.nnz > len(own):
-        A = A + sparse.diags(COMPLIANCE * own)
-    scale = np.divide(1.0, np.sqrt(own), out=np.zeros_like(own), where=own > 0.0)
-    scaled = (sparse.diags(scale) @ A @ sparse.diags(scale)).tocsr()
-    short_step = 1.0 / max(float(abs(scaled).sum(axis=1).max()), 1.0)  # below 2/‖A‖
-    most = most / np.where(scale > 0.0, scale, 1.0)
-    y = np.minimum(pushed / np.where(scale > 0.0, scale, 1.0), most)
-    g = scaled @ y + scale * (free - c)
-    largest = SPEED_TOLERANCE * float((scale * (np.abs(free) + c)).max())
-    inner, chopped = _parts(g, y, most)
-    p = inner
-    for _ in range(MOST_ITERATIONS):
-        if max(np.abs(inner).max(), np.abs(chopped).max()) <= largest:
-            impulses = scale * y
-            return impulses, free + A @ impulses  # of the places as they give way
-        leaves_limits = chopped @ chopped > inner @ inner
-        if leaves_limits:
-            p = chopped
-        Ap = scaled @ p
-        curvature = float(p @ Ap)
-        wanted = float(g @ p) / curvature if curvature > 0.0 else np.inf
-        allowed = _longest_step(y, p, most)
-        step = min(wanted, allowed)
-        y = np.clip(y - step * p, 0.0, most)
-        g = g - step * Ap
-        inner, chopped = _parts(g, y, most)
-        if leaves_limits:
-            p = inner
-        elif wanted <= allowed:
-            p = inner - float(inner @ Ap) / curvature * p
-        else:
-            y = np.clip(y - short_step * inner, 0.0, most)
-            g = scaled @ y + scale * (free - c)
-            inner, chopped = _parts(g, y, most)
-            p = inner
-    reason = "the impulses of contacts at the end of the step are not found"
-    raise NewtonFailed(reason, np.nan, "Take a smaller dt.")
-
-
-def _parts(g: np.ndarray, y: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The gradient g (m,) between the limits of y (m,), and where it leads away from a limit."""
-    is_inner = (y > 0.0) & (y < most)
-    inner = np.where(is_inner, g, 0.0)
-    leaves = ((y <= 0.0) & (g < 0.0) & (most > 0.0)) | ((y >= most) & (g > 0.0) & (most > 0.0))
-    return inner, np.where(leaves & ~is_inner, g, 0.0)
-
-
-def _longest_step(y: np.ndarray, p: np.ndarray, most: np.ndarray) -> float:
-    """The largest α for which y − α p (m,) stays between 0 and `most`."""
-    room = np.where(p > 0.0, y, y - most)
-    steps = np.divide(room, p, out=np.full_like(y, np.inf), where=p != 0.0)
-    return float(steps.min())
+    if slope(1.0) <= SLOPE_ALLOWED * abs(begin):
+        return 1.0
+    return float(scipy.optimize.brentq(slope, 0.0, 1.0, xtol=STEP_TOLERANCE))

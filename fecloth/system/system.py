@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.sparse.linalg import SuperLU, splu
 
 from fecloth import validation
 from fecloth.compiled.team import Team
@@ -655,10 +654,10 @@ class System:
         return self.constraints.admissible(len(self.cloth.X))
 
     @cached_property
-    def free_mass(self) -> SuperLU:
-        """A factor of ZᵀMZ, with Z of `admissible`."""
+    def free_mass(self) -> sparse.csc_matrix:
+        """(f, f) ZᵀMZ [kg], with Z of `admissible`."""
         Z = self.admissible
-        return splu((Z.T @ self.mass @ Z).tocsc())
+        return (Z.T @ self.mass @ Z).tocsc()
 
     @property
     def symmetric(self) -> bool:

@@ -273,28 +273,28 @@ def test_the_plan_is_printed_before_the_first_step(scene, tmp_path, capsys):
     assert "MB, with a factor" in capsys.readouterr().out
 
 
-# --- the scenes of the README ---------------------------------------------------------------------
+# --- the scenes of the first pages ----------------------------------------------------------------
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(params=["napkin.toml", "flag.toml"])
 def shown(request, tmp_path):
-    """A scene that the README shows or names."""
+    """The scene that the first steps show, and the one that the README names."""
     path = ROOT / "studies" / "scenes" / request.param
     if request.param == "napkin.toml":
-        page = (ROOT / "README.md").read_text(encoding="utf-8")
+        page = (ROOT / "docs" / "first_steps.md").read_text(encoding="utf-8")
         path = tmp_path / request.param
         path.write_text(re.search(r"```toml\n(.*?)```", page, re.DOTALL)[1], encoding="utf-8")
     return path
 
 
-def test_no_warning_before_a_scene_of_the_readme_runs(shown):
+def test_no_warning_before_a_scene_of_the_first_pages_runs(shown):
     assert load_scene(shown).build().doubts() == []
 
 
 @pytest.mark.stories
-def test_no_warning_while_a_scene_of_the_readme_runs(shown, tmp_path):
+def test_no_warning_while_a_scene_of_the_first_pages_runs(shown, tmp_path):
     """But of small errors that grow where a cloth folds or flutters. Of the flag a second runs."""
     changes = ["time.t_end=1"] if shown.name == "flag.toml" else []
     outcome = fc.run_scene(load_scene(shown, changes), tmp_path / "out")

@@ -33,8 +33,18 @@ def test_a_change_below_1e_9_of_a_quantity_is_lost_if_its_scale_was_given(slope,
 def test_one_per_cent_from_the_twin_runs_is_no_derivative(checked, words):
     quantity = SimpleNamespace(text="sag")
     parameters = [Parameter("k", 2.0, 2.0)]
-    text = _describe_quantity(quantity, "m", 1.0, np.array([0.5]), parameters, checked)
+    text = _describe_quantity(quantity, "m", 1.0, np.array([0.5]), parameters, checked, 1.0)
     assert words in text
+
+
+@pytest.mark.parametrize(
+    ("holds", "words"), [(0.009, "holds up to ± 0.9 %, not for 1 %"), (0.011, "")]
+)
+def test_a_derivative_that_does_not_hold_for_one_per_cent_says_so(holds, words):
+    quantity = SimpleNamespace(text="sag")
+    parameters = [Parameter("k", 2.0, 2.0)]
+    text = _describe_quantity(quantity, "m", 1.0, np.array([0.5]), parameters, 1e-4, holds)
+    assert text.partition("checked by twin runs: 1e-04")[2].removeprefix("; ") == words
 
 
 @pytest.mark.parametrize(

@@ -137,8 +137,8 @@ def write_scenes(folder: Path) -> dict[str, Scene]:
 
 
 def write_napkin(folder: Path) -> Path:
-    """Write the scene that stands in README.md, and return its file."""
-    text = (OWN / "README.md").read_text(encoding="utf-8")
+    """Write the scene that stands in docs/first_steps.md, and return its file."""
+    text = (OWN / "docs" / "first_steps.md").read_text(encoding="utf-8")
     (scene,) = re.findall(r"This is `napkin\.toml`.*?```toml\n(.*?)```", text, re.DOTALL)
     file = folder / "napkin.toml"
     file.write_text(scene, encoding="utf-8")
