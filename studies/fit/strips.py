@@ -114,11 +114,11 @@ def find(lines: dict[str, dict[str, Any]], count: int) -> list[harness.Finding]:
     """What is expected of the trials."""
     same, single, stated, three = lines.values()
     least = LEAST * count / 60
-    found = []
+    rows = []
     for name in TRUE:
         covered, half = f"{name}: new strip, covered", f"{name}: new strip, median half %"
         of_data, half_of_data = covered.replace("new", "this"), half.replace("new", "this")
-        found += [
+        rows += [
             harness.Finding(f"{name}: strips that are the same, covered", same[of_data], least),
             harness.Finding(f"{name}: three strips, covered", three[covered], least),
             harness.Finding(
@@ -135,7 +135,7 @@ def find(lines: dict[str, dict[str, Any]], count: int) -> list[harness.Finding]:
                 high=WIDER,
             ),
         ]
-    return found
+    return rows
 
 
 def main() -> int:

@@ -91,14 +91,14 @@ def knit_test(
 
 def changes_at_end(yarn: str, knit: str, name: str) -> dict[tuple[str, int], float]:
     """The measured change at the end of each repeat of both directions."""
-    found = {}
+    changes = {}
     for direction in knits.ALONG:
         data, _, _ = knits.read(knit, direction, PART, yarn)
         table = np.array(list(data.values()))
         for number in np.unique(table[0]):
             column = table[:, table[0] == number][list(data).index(f"{name} [{UNITS[name]}]")]
-            found[direction, int(number)] = float(column[-1] - column[0])
-    return found
+            changes[direction, int(number)] = float(column[-1] - column[0])
+    return changes
 
 
 UNITS = {"force": "N", "half": "m"}

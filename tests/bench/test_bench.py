@@ -265,6 +265,6 @@ def test_sensitivity_finds_the_known_gradients(name):
         return getattr(quantities, given["name"])(case, u, **given["arguments"]).item()
 
     starts = {key: float(np.max(said["fabric"][key])) for key in said["gradients"]}
-    found = fc.sensitivity(made, starts, value)
+    answer = fc.sensitivity(made, starts, value)
     known = [said["gradients"][key]["value"] for key in starts]
-    assert found.derivative == pytest.approx(known, rel=2e-3)
+    assert answer.derivative == pytest.approx(known, rel=2e-3)

@@ -50,8 +50,8 @@ def blown_up(element: str, pieces: int, h: tuple[float, ...]) -> float:
     ]
     terms = [fc.StVK(), fc.Pressure(2e3)]
     system = fc.System(cloth, FABRIC, terms, pins=pins, seams=seams)
-    found = fc.equilibrium(system, system.state(x), tolerance=1e-10)
-    return float(np.hypot(found.x[:, 0], found.x[:, 1]).mean())
+    equilibrium = fc.equilibrium(system, system.state(x), tolerance=1e-10)
+    return float(np.hypot(equilibrium.x[:, 0], equilibrium.x[:, 1]).mean())
 
 
 @pytest.mark.parametrize(("element", "pieces"), [("P1", 1), ("P1", 2), ("P2", 2)])

@@ -175,7 +175,7 @@ def test_sheets_that_meet_part_with_their_speed_and_keep_the_momentum(e, mass):
     np.testing.assert_allclose(after, before, atol=1e-6 * np.linalg.norm(before))
     m = system.nodal_mass
     upper, lower = (
-        np.average(run.state.v[one], axis=0, weights=m[one]) for one in (is_upper, ~is_upper)
+        np.average(run.state.v[sheet], axis=0, weights=m[sheet]) for sheet in (is_upper, ~is_upper)
     )
     assert (upper - lower)[2] == pytest.approx(e, abs=0.01)
     assert (upper - lower)[0] == pytest.approx(0.3, abs=0.01)
