@@ -28,7 +28,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.optimize
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
@@ -273,6 +272,8 @@ def _find_step(
     The slope is `begin` at first. The whole step has the `inertia` d·M d, and changes the speeds u
     (m,) of the places by `faster`.
     """
+    from scipy.optimize import brentq  # not before it is used: it imports a good part of SciPy
+
     impulses = impulses_at(u)
 
     def slope(step: float) -> float:
@@ -281,4 +282,4 @@ def _find_step(
 
     if slope(1.0) <= SLOPE_ALLOWED * abs(begin):
         return 1.0
-    return float(scipy.optimize.brentq(slope, 0.0, 1.0, xtol=STEP_TOLERANCE))
+    return float(brentq(slope, 0.0, 1.0, xtol=STEP_TOLERANCE))
