@@ -60,8 +60,11 @@ def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: 
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
-    """Return a function that compiles what a case needs, which takes memory too; each once."""
-    return cache(lambda *case: run(tmp_path_factory.mktemp("small"), *case, 200, "right"))
+    """Return a function that compiles what a case needs, which takes memory too; each once.
+
+    Some loops are only used where there are triangles enough for several threads.
+    """
+    return cache(lambda *case: run(tmp_path_factory.mktemp("small"), *case, 4_000, "right"))
 
 
 @pytest.mark.stories
