@@ -155,9 +155,10 @@ def _coefficients(dt: float, last: Change) -> tuple[float, float]:
 def _make_memory(opening: Opening, struck: Struck) -> Change:
     """Return the changes in the step from `opening`, the next memory.
 
-    They are those of a cloth that has always moved as after the impacts: without the stroke,
-    whose force has moved it by h (stroke − beyond) in place of dt stroke. Changes of pairs have
-    no sum, so that momentum is kept.
+    They are the changes of a cloth that has always moved as it does after the impacts. So the
+    stroke is taken out of the change of velocity. The force of the impacts has moved the cloth by
+    h (stroke − beyond), where the stroke over the whole step moves it by dt stroke: the change of
+    position gets the difference. Changes of pairs have no sum, so that momentum is kept.
     """
     old = opening.begin
     new = struck.state

@@ -42,7 +42,7 @@ from fecloth.terms.contact.touches import Touches
 # A place gives way by this part of what its impulse alone would change: there are more places than
 # ways of the nodes, and then they share the impulse. It is an error of e, too.
 COMPLIANCE = 1e-7
-# Speeds that change by less than this part of the fastest one are those that were looked for.
+# The iteration ends where no speed changes by more than this part of the fastest speed.
 SPEED_TOLERANCE = 1e-12
 MOST_ITERATIONS = 1_000
 # A whole step along which the slope rises above this part of its start, with the other sign, is

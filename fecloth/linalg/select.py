@@ -118,7 +118,7 @@ class AutoSolver:
     def _factor_prices(self) -> FactorPrices:
         """The prices of the direct solver: of the one to expect until it is made.
 
-        Without a direct solver they are those of PARDISO.
+        Without a direct solver they are the prices of PARDISO.
         """
         solver = self._solvers.get("direct")
         if solver is not None:

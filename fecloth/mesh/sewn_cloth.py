@@ -32,7 +32,7 @@ class SewnCloth(Cloth):
 
     @classmethod
     def sew(cls, cloth: Cloth, stands: np.ndarray, meeting: np.ndarray) -> Self:
-        """The cloth with these seams, in place of those that it may have."""
+        """Return the cloth with these seams; they replace the seams that it has."""
         own = {name.name: getattr(cloth, name.name) for name in fields(Cloth)}
         return cls(**own, stands=stands, meeting=meeting)
 

@@ -28,7 +28,8 @@ PRICE = 0.5  # estimated time of a derivative over the time of the run
 # of a second pair, where the quantity may bend too much for the first.
 WIDE_CHANGE = 3e-4
 NARROW_CHANGE = 1e-5
-# Relative distance of twin runs at the change of which the sentences speak, up to which these hold.
+# The sentences hold where twin runs that change a parameter by `OF_SENTENCE` differ from the
+# derivative by at most this part.
 SENTENCE_ERROR = 0.1
 STEPS_OF_RUN = ("sizes", "method")  # of a row: the steps, which its twin runs repeat
 

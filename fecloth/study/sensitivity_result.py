@@ -16,7 +16,7 @@ from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.status import OK
 from fecloth.terms.traits import parameters_of
 
-OF_SENTENCE = 1e-2  # the relative change of which the sentences speak
+OF_SENTENCE = 1e-2  # relative change of a parameter that the sentences describe
 
 
 @dataclass(frozen=True, eq=False, repr=False)

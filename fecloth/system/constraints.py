@@ -121,7 +121,7 @@ class Constraints:
 
     @cached_property
     def without_own(self) -> tuple[np.ndarray, np.ndarray]:
-        """The constrained nodes and those that follow, and the projectors, 0 for the latter."""
+        """The constrained and the following nodes, and their projectors: 0 of following nodes."""
         nodes = np.concatenate([self.nodes, self.followers.nodes])
         still = np.zeros((len(self.followers.nodes), 3, 3))
         return nodes, np.concatenate([self.projectors, still])

@@ -1,4 +1,4 @@
-"""What a system asks of nodes that follow others, for one in which none do."""
+"""What a system asks of nodes that follow other nodes; here no node follows another."""
 
 from collections.abc import Sequence
 from typing import Any

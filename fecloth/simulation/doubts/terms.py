@@ -35,7 +35,7 @@ ERROR_OF_PATTERN = 0.25  # of its rigidity is what hinges miss by the pattern of
 # Poisson's ratio of bending on equilateral triangles, and nearly on Gmsh's.
 POISSON_OF_HINGES = -1 / 3
 ROUND_OFF_OF_COUPLING = 1e-12  # relative; less is no lower coupling
-# |∇φ| of an `Sdf`, or its inverse: from here on its gap is not the gap that was asked for.
+# |∇φ| of an `Sdf`, or 1/|∇φ|: beyond this value its gap in metres differs too much from `gap`.
 MOST_SLOPE = 3.0
 LEAST_PRESSURE = 0.5  # over the ambient pressure; a gas with less lets the cloth collapse
 
