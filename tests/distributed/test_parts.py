@@ -221,12 +221,6 @@ def test_any_division_will_do(case, monkeypatch):
     check_parts(*both(case, 3, most=1.1))
 
 
-@pytest.mark.parametrize("case", ["membranes", "P2"])
-def test_ten_parts_that_pymetis_makes(case):
-    pytest.importorskip("pymetis", reason="more than 8 processes need pymetis")
-    check_parts(*both(case, 10, most=1.1))
-
-
 def check_parts(whole, apart, state):
     close(apart.force(state), whole.force(state))
     assert apart.energies(state) == pytest.approx(whole.energies(state), rel=1e-11)
@@ -266,26 +260,6 @@ def test_a_pin_that_lets_go_is_refused_by_name():
     pins = [fc.Pin("left", until=0.5)]
     with pytest.raises(InputError, match="until = 0.5 s: cannot let go on several processes"):
         DistributedSystem(cloth, EVEN, [fc.StVK()], pins, link=LocalLink(2))
-
-
-def test_pins_that_meet_and_leave_nodes_out():
-    cloth = fc.Cloth.rectangle(1.0, 0.8, 0.1)
-    lift = ("0", "0", "t")
-    pins = [
-        "left",
-        fc.Pin("top", clamp=True),
-        fc.Pin("right", lift, clamp=True, without="top"),
-        fc.Pin("bottom", lift, without="left"),
-    ]
-    arguments = cloth, EVEN, [fc.StVK(), fc.PlateBending()], pins
-    whole, apart = fc.System(*arguments), DistributedSystem(*arguments, link=LocalLink(3))
-    x = whole.rest().x
-    state = whole.state(x + 0.01 * np.sin(9 * x[:, [1, 2, 0]]), t=0.3)
-    close(apart.force(state), whole.force(state))
-    J, own = BlockMatrix.zeros(whole.pattern), BlockMatrix.zeros(apart.pattern)
-    whole.project(whole.assemble(J, state, 0.9, 1.1, 130.0))
-    apart.project(apart.assemble(own, state, 0.9, 1.1, 130.0))
-    assert abs(together(apart, own) - J.to_scipy()).max() <= 1e-11 * np.abs(J.values).max()
 
 
 def test_a_term_with_a_history_that_couples_nodes_is_refused_by_name():

@@ -22,14 +22,6 @@ def stretching(name):
 # --- the rows -------------------------------------------------------------------------------------
 
 
-def test_nine_fabrics_have_39_numbers():
-    assert len(WANG) == 9
-    for name in WANG:
-        rows = presets.rows(name)
-        assert [len(row) for row in rows["stretching"]] == [4] * 6
-        assert [len(row) for row in rows["bending"]] == [5] * 3 == [len(strips.CURVATURES)] * 3
-
-
 def test_the_constants_of_a_preset_are_the_first_row_and_column():
     """Interlock, of which c₁₂ < 0 is replaced by zero: Y = 2c, G = c₃₃, B = k/4."""
     fabric = fc.Fabric.preset("interlock")
@@ -81,20 +73,6 @@ def test_a_force_is_that_of_an_independent_solution(name, along):
     for strain in (0.05, 0.2):
         expected = independent_force(stretching(name), strain, strips.ALONG[along])
         assert strips.force(stretching(name), strain, along) == pytest.approx(expected, rel=1e-7)
-
-
-def test_forces_of_the_denim_by_hand():
-    """At 5 % the rows have 0.3 of row 5 (90°: the warp) or of row 1 (0°: the weft)."""
-    first, last = (205.352005, 10.234077, 1013.88629), (225.767487, 40.917892, 1051.55712)
-    k0, k1, k2 = (2 * (0.7 * a + 0.3 * b) for a, b in zip(first, last, strict=True))
-    by_hand = 1.05 * (1.05**2 - 1) / 2 * (k2 - k1**2 / k0)
-    assert strips.force(stretching("denim-wang"), 0.05, "warp") == pytest.approx(by_hand, rel=1e-9)
-    k0, k1, k2 = (
-        2 * (0.7 * a + 0.3 * b)
-        for a, b in zip(first, (232.027634, 40.646339, 1052.84289), strict=True)
-    )
-    by_hand = 1.05 * (1.05**2 - 1) / 2 * (k0 - k1**2 / k2)
-    assert strips.force(stretching("denim-wang"), 0.05, "weft") == pytest.approx(by_hand, rel=1e-9)
 
 
 def test_a_force_has_three_parts_over_the_strain():
@@ -173,11 +151,3 @@ def test_the_command_prints_another_fabric_without_curves(capsys):
     assert "source: Clyde, Teran and Tamstorf" in out
     assert "bending_rigidity" not in out
     assert "all rows" not in out
-
-
-@pytest.mark.parametrize(("name", "close"), [("slik", "silk"), ("interlok", "interlock")])
-def test_the_command_refuses_an_unknown_fabric(name, close, capsys):
-    assert main.main(["info", "--fabrics", name]) == 2
-    message = capsys.readouterr().err
-    assert message.startswith(f"error: --fabrics {name}: must be one of silk, cotton, ")
-    assert message.endswith(f"wool-coating. Did you mean '{close}'?\n")

@@ -1,18 +1,14 @@
 """Explicit methods: order, stability limits, energy, momentum, pins, ledger; no matrix."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.linalg
-import scipy.sparse as sparse
 from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
 from support.tiers import stories_except
 
 import fecloth as fc
-from fecloth.integrators import EXPLICIT, CentralDifference, ForwardEuler, SymplecticEuler
-from fecloth.scene.scene import load_scene
+from fecloth.integrators import CentralDifference, ForwardEuler, SymplecticEuler
 from fecloth.verify import check_integrator
 
 # steps are coarse and meshes small by intent
@@ -164,93 +160,3 @@ def test_no_matrix_and_no_consistent_mass(method, small, isotropic, monkeypatch)
     consistent = fc.System(small, isotropic, [fc.StVK()], mass="consistent")
     with pytest.raises(fc.InputError, match="must be 'lumped': an explicit step divides"):
         next(fc.march(consistent, method, consistent.rest(), 1e-4, 1e-3))
-
-
-def test_central_difference_without_memory_starts_anew(small, isotropic):
-    """Its own last force and a fresh one agree where the force sees no velocity."""
-    system = fc.System(small, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
-    state = taut_start(system)
-    for new, info in fc.march(system, CENTRAL, state, 2e-4, 2e-3):
-        fresh = CENTRAL.step(system, info.old, info.dt).state
-        np.testing.assert_allclose(fresh.x, new.x, rtol=0, atol=1e-15)
-
-
-def test_beyond_the_limit_a_step_fails_with_the_last_good_state(small, isotropic):
-    system = fc.System(small, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
-    with pytest.raises(fc.StepFailed, match="smaller dt") as failure:
-        fc.run(system, CENTRAL, taut_start(system), 0.01, 10.0)
-    assert np.isfinite(failure.value.state.x).all()
-
-
-@pytest.mark.parametrize("name", EXPLICIT)
-def test_in_a_scene(name, tmp_path):
-    from fecloth.runs.run_scene import run_scene
-
-    text = f"""
-[cloth]
-shape = "rectangle"
-width = 0.4
-height = 0.3
-h = 0.1
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = {{ type = "{name}", beyond_limit = true }}
-dt = 1e-4
-t_end = 2e-3
-"""
-    path = tmp_path / "scene.toml"
-    path.write_text(text)
-    scene = load_scene(path)
-    assert scene.time.method.make() == EXPLICIT[name](beyond_limit=True)
-    outcome = run_scene(scene, tmp_path / "out")
-    assert "explicit" in (tmp_path / "out" / "summary.json").read_text()
-    assert outcome
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize(
-    ("name", "method"), [("central_difference", CENTRAL), ("symplectic_euler", SYMPLECTIC)]
-)
-def test_a_taut_damped_sheet_breaks_within_two_percent_of_the_prediction(
-    name, method, isotropic, rng
-):
-    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.05)
-    terms = [fc.StVK(), fc.StrainRateDamping(2e-5)]
-    system = fc.System(cloth, isotropic, terms, pins=["boundary"])
-    rest = system.state(1.1 * flat(cloth))
-    dt = fc.critical_dt(system, rest, name)
-    start = system.state(rest.x + 1e-9 * rng.standard_normal(rest.x.shape))
-    *_, (end, _) = fc.march(system, method, start, 0.99 * dt, 1500 * dt)
-    assert abs(end.x - rest.x).max() < 1e-8
-    with pytest.raises(fc.StepFailed):
-        list(fc.march(system, method, start, 1.02 * dt, 1500 * dt))
-
-
-@pytest.mark.parametrize("moves", [False, True])
-def test_rows_need_no_sparse_products_and_no_new_traits(small, isotropic, monkeypatch, moves):
-    products, traits = [], []
-
-    class CountedMass(sparse.csr_matrix):
-        def __matmul__(self, other):
-            products.append(other)
-            return super().__matmul__(other)
-
-    def counted(*arguments, **changes):
-        traits.extend([changes] * ("solution" not in changes))  # which is of the step
-        return replace(*arguments, **changes)
-
-    monkeypatch.setattr("fecloth.integrators.explicit.replace", counted)
-    pin = fc.Pin("left", motion=(lambda t: (0.0, 0.0, t)) if moves else None)
-    system = fc.System(small, isotropic, [fc.StVK(), fc.Gravity()], [pin])
-    vars(system)["scalar_mass"] = CountedMass(system.scalar_mass)
-    result = fc.run(system, CentralDifference(), taut_start(system), 1e-6, 2e-5)
-    assert len(result.energies["kinetic"]) == 21
-    assert (len(products), len(traits)) == (0, 1)

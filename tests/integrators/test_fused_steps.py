@@ -128,17 +128,6 @@ def test_rows_of_a_run_are_those_of_a_run_with_more_rows(dt, pins):
         np.testing.assert_allclose(column, full.energies[name][at], rtol=0, atol=within)
 
 
-@pytest.mark.parametrize("dt", [1e-4, None])
-@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
-def test_a_run_with_a_row_at_each_step_makes_no_fused_steps(dt, monkeypatch):
-    system, start = moving([fc.StVK(), GRAVITY], FIXED)
-    monkeypatch.setattr(FusedSteps, "bind", lambda *run: pytest.fail("fused steps are made"))
-    seconds = 200 * (dt or fc.critical_dt(system, start))
-    assert len(rows_of(system, start, dt, seconds, 10**6).times) > 200
-    with pytest.raises(pytest.fail.Exception, match="fused steps are made"):
-        rows_of(system, start, dt, seconds, 5)
-
-
 @pytest.mark.stories
 def test_what_needs_python_is_not_fused():
     wind = fc.Wind(lambda x, t: (t, 0, 1), normal=0.4)
@@ -186,10 +175,3 @@ def test_an_unstable_run_fails_at_the_same_step():
     assert failures[0].step == failures[1].step > 10
     for failure in failures:
         assert largest_stretch(system.cloth, failure.state.x) <= 20
-
-
-@pytest.mark.parametrize("rows", [0, 1.5, True])
-def test_rows_are_a_number(rows):
-    system, start = moving([fc.StVK()], FIXED)
-    with pytest.raises(fc.InputError, match="run: rows = .* must be an integer"):
-        rows_of(system, start, 1e-5, 1e-4, rows)

@@ -71,19 +71,6 @@ def test_a_run_goes_on_from_a_restart_file_bit_for_bit(name, system, tmp_path):
     assert same(on[-1][1].result.history[1], steps[-1][1].result.history[1])
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_a_step_that_is_repeated_gives_the_same(name, system):
-    method, start = made(name), taut_start(system)
-    (state, info), (_, following) = marched(system, method, start, steps=2)
-    solver, _ = fc.solver_for(system, method, DT, "direct", TIGHT)
-    for _ in range(2):
-        step = method.step(
-            system, state, DT, solver, info.memory.method_memory, info.result.history
-        )
-        np.testing.assert_array_equal(step.state.x, following.result.state.x)
-        assert same(step.history[1], following.result.history[1])
-
-
 @pytest.mark.stories
 def test_steps_that_are_rejected_leave_no_trace(system):
     """A push that the first attempts overlook is taken in shorter steps, from the same record."""
@@ -120,14 +107,6 @@ def test_the_ledger_closes_with_what_slips(name, system):
     assert heat[-1] > 1e-5
     assert (np.diff(heat) >= 0).all()
     assert abs(energies["remainder"]).max() < 1.1 * least + 1e-3 * heat[-1]
-
-
-def test_explicit_steps_with_a_history_are_not_fused(system):
-    method = fc.CentralDifference(beyond_limit=True)
-    by_step = marched(system, method, taut_start(system))[-1][0]
-    at_once = fc.run(system, method, taut_start(system), DT, STEPS * DT, rows=1)
-    assert np.array_equal(at_once.state.x, by_step.x)
-    assert len(at_once.times) == STEPS + 1
 
 
 def test_load_steps_remember_each_increment(small, isotropic):

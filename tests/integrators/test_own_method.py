@@ -9,7 +9,6 @@ from support.examples import example
 
 import fecloth as fc
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.verify import VerificationFailed, check_integrator
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -77,29 +76,6 @@ def test_they_serve_a_run_with_moved_pins_and_its_ledger(own, swinging, cloth):
     assert remainders["SDIRK2()", 1e-3] > 3 * remainders["SDIRK2()", 5e-4]
 
 
-@pytest.mark.stories
-def test_steps_may_be_chosen_by_the_error(own, swinging):
-    system, start = swinging
-    for method in (own.SDIRK2(), fc.BDF2()):
-        result = fc.run(system, fc.Adaptive(method, rtol=1e-2), start, None, 0.05)
-        assert len(result.times) > 10
-        if isinstance(method, own.SDIRK2):
-            found = result
-    assert len(found.times) < len(result.times)  # its error constant is five times smaller
-
-
-@pytest.mark.stories
-def test_check_integrator_catches_a_wrong_order(own, cloth, isotropic):
-    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
-    start = system.state(system.rest().x * [1.1, 1.1, 1])
-    theta = own.Theta
-    claims = type("Claims", (theta,), {"traits": MethodTraits(order=2)})
-    check_integrator(system, theta(0.6), start, 0.005)
-    with pytest.raises(VerificationFailed, match=r"orders \[.* expected 2"):
-        check_integrator(system, claims(0.6), start, 0.005)
-    check_integrator(system, claims(0.5), start, 0.005)
-
-
 def test_missing_members_of_a_method_are_named(own, swinging):
     system, start = swinging
     euler, theta = fc.BackwardEuler(), own.Theta
@@ -135,13 +111,3 @@ def test_missing_members_of_a_method_are_named(own, swinging):
     cut = type("Cut", (theta,), {"stage": short})(0.5)
     with pytest.raises(fc.InputError, match=r"stage.v of shape \(19, 3\): must be \(20, 3\)"):
         fc.run(system, cut, start, 1e-3, 2e-3, solver="direct")
-
-
-def test_a_misspelt_trait_is_an_error_that_names_the_known_ones():
-    known = r"argument 'explict' is unknown: it needs order, and it may have theta, .*'explicit'"
-    with pytest.raises(fc.InputError, match=known):
-        MethodTraits(order=1, explict=True)
-    with pytest.raises(fc.InputError, match="order is missing"):
-        MethodTraits(theta=1.0)
-    with pytest.raises(fc.InputError, match="no explicit method is A-stable"):
-        MethodTraits(order=1, explicit=True)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth import terms
 from fecloth.integrators import EXPLICIT, METHODS, MethodTraits
 from fecloth.integrators.protocol import ExplicitIntegrator, Integrator, StepChoice
 from fecloth.linalg import select
@@ -12,7 +11,6 @@ from fecloth.linalg.block_matrix import BlockPattern
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.stability_limited import StabilityLimited
-from fecloth.terms import protocol
 
 
 def members(one):
@@ -57,9 +55,3 @@ def test_linear_solvers_are_linear_solvers():
     for solver in solvers:
         assert not lacks(solver, LinearSolver)
     assert [solver.keeps_state for solver in solvers] == [False, False, False, False, True, True]
-
-
-def test_system_reads_the_members_of_the_protocol():
-    assert members(protocol.Term) == {"stencil", "bind"}
-    for name in terms.__all__:
-        assert not lacks(getattr(terms, name), protocol.Term)

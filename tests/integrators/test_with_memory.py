@@ -7,7 +7,6 @@ import pytest
 import scipy.linalg
 from conftest import affine, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
-from support.tiers import MASSES, in_turn
 
 import fecloth as fc
 from fecloth.integrators.newmark import Acceleration
@@ -96,24 +95,6 @@ def test_a_mode_follows_the_scalar_bdf2(mode, drum):
     np.testing.assert_allclose(found / scale, np.array(path) / scale, atol=1e-11)
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.3, 0.8, 1.0])
-def test_the_fastest_modes_lose_the_factor_rho(rho, drum):
-    """The spectral radius of (x, dt v, dt² a) → the same after one step, at ω dt = 1000."""
-    damped, rest, M, values, modes = drum
-    system = fc.System(damped.cloth, damped.fabric, [LinearMembrane()], ["boundary"])
-    method, dt, free = fc.GeneralizedAlpha(rho), 1000 / np.sqrt(values[-1]), system.free
-    solver, _ = fc.solver_for(system, method, dt, "direct", fc.Newton(tolerance=1e-9))
-    shape = np.zeros(rest.size)
-    shape[free] = modes[:, -1]
-    shape, weight, columns = 0.01 * shape.reshape(-1, 3), 100 * M @ modes[:, -1], []
-    for x, v, a in np.eye(3):
-        start = system.state(rest + x * shape, v / dt * shape)
-        step = method.step(system, start, dt, solver, Acceleration(a / dt**2 * shape))
-        after = step.state.x - rest, dt * step.state.v, dt**2 * step.memory.a
-        columns.append([weight @ y.ravel()[free] for y in after])
-    assert abs(np.linalg.eigvals(np.array(columns))).max() == pytest.approx(rho, abs=0.02)
-
-
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 def test_the_starting_acceleration_is_consistent(mass, small, isotropic):
     """M a = f along the free directions, by a dense solve, also where pins are moved."""
@@ -151,27 +132,6 @@ def test_bdf2_keeps_its_order_where_the_steps_change(small, isotropic):
         ends.append(state.x)
     changes = [np.linalg.norm(a - b) for a, b in pairwise(ends)]
     assert observed_order(1 / np.array(counts[:-1]), changes)[-1] == pytest.approx(2, abs=0.15)
-
-
-METHODS = [*ONE_STEP, fc.BDF2()]
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize(("method", "mass"), in_turn(METHODS, MASSES), ids=str)
-def test_ledger_of_a_linear_problem(method, mass, small, isotropic):
-    """Closes; with fixed pins only Newmark's rule and ρ∞ = 1 at γ = ½ take nothing themselves."""
-    terms = [LinearMembrane(), LinearDamping(0.01), fc.Gravity()]
-    system = fc.System(small, isotropic, terms, ["left", "right"], mass=mass)
-    moving = system.constraints.project(taut_start(system).v)
-    start = system.state(taut_start(system).x, moving)
-    energies = fc.run(system, method, start, 2e-3, 0.1, solver="direct", newton=TIGHT).energies
-    total = abs(energies["total"]).max()
-    assert abs(energies["remainder"]).max() < 1e-10 * total
-    takes = abs(energies["numerical"]).max()
-    if method in (fc.Newmark(), fc.GeneralizedAlpha(1.0)):
-        assert takes < 1e-14 * total
-    else:
-        assert takes > 1e-3 * total
 
 
 def test_reactions_of_bdf2_are_those_at_the_end_of_the_step(isotropic):

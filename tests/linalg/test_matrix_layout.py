@@ -66,12 +66,6 @@ def test_two_terms_with_one_stencil_share_the_blocks_as_long_as_one_holds_them()
     assert len(layout._shared) == 0
 
 
-def test_a_copy_of_a_system_has_the_same_pattern():
-    system = fc.System(fc.Cloth.rectangle(1.0, 1.0, 0.5, "right"), FABRIC, [fc.StVK()])
-    copy = system.with_bound(system.bound)
-    assert copy.pattern is system.pattern
-
-
 def test_nodes_are_connected_through_any_stencil():
     cells, spring = np.array([[0, 1], [2, 3], [4, 5]]), np.array([[5, 0]])
     assert _connect(6, [cells])[1].tolist() == [0, 0, 1, 1, 2, 2]

@@ -122,31 +122,6 @@ def test_threads_do_not_change_a_bit(pattern, element, bending, small_loops_shar
             np.testing.assert_array_equal(one, same)
 
 
-def test_an_error_in_a_thread_ends_the_solve(small_loops_shared, monkeypatch):
-    system = cloth_system(0.07)
-    state = folded(system)
-    solver = prepared(tangent(system, state, team=Team(2)), state.x)
-
-    def fail(levels, b, member):
-        if member.thread == 1:
-            raise ValueError("thread 1")
-        return cycle(levels, b, member)
-
-    monkeypatch.setattr("fecloth.linalg.multigrid.cycle", fail)
-    with pytest.raises(ValueError, match="thread 1"):
-        solver.solve(system.force(state))
-
-
-def test_a_cycle_remains_definite_with_coarse_matrices_of_another_matrix():
-    system = cloth_system(bending=fc.HingeBending())
-    state = folded(system)
-    solver = prepared(tangent(system, state, dt=1e-4), state.x)
-    kept = solver._levels[1]
-    solver.prepare(tangent(system, system.rest(), dt=0.1))
-    assert solver._levels[1] is kept
-    check_definite(preconditioner(solver))
-
-
 @pytest.mark.parametrize(("shape", "definite"), STATES)
 @pytest.mark.parametrize("pins", PINS)
 def test_solution_is_that_of_a_direct_solver(pins, shape, definite):
@@ -305,20 +280,6 @@ def test_memory_is_about_as_planned(bending):
     planned = MULTIGRID_PER_NODE * len(state.x) + MULTIGRID_PER_BLOCK * len(A.values)
     assert peak == pytest.approx(planned, rel=0.12)
     assert peak < 2500 * len(system.cloth.triangles)
-
-
-def test_dropped_solver_repeats_its_solution_bit_for_bit():
-    system = cloth_system(0.05, bending=fc.HingeBending())
-    state = folded(system)
-    b = system.constraints.project(system.force(state))
-    solver, A = prepared(tangent(system, state, 0.05), state.x), tangent(system, state)
-    solver.solve(b)
-    solver.drop()
-    solver.begin(1.0, 1.0, state.x)
-    solver.prepare(A)
-    again, _ = solver.solve(b, rtol=1e-6)
-    new, _ = prepared(A, state.x).solve(b, rtol=1e-6)
-    np.testing.assert_array_equal(again, new)
 
 
 def test_parts_that_are_not_coupled():

@@ -67,12 +67,6 @@ def test_the_entries_of_factors_go_on_as_a_power_of_the_blocks(name):
     assert larger.entries == pytest.approx(many * many / few * blocks, rel=1e-2)
 
 
-@pytest.mark.parametrize("name", sorted(set(TABLE) - {"blocks", "products in Python"}))
-def test_all_prices_are_positive(name):
-    assert all(price > 0 for prices in TABLE[name].values() for price in prices)
-    assert all(len(prices) == 2 for prices in TABLE[name].values())
-
-
 def test_python_takes_the_same_for_a_row_of_any_size():
     """In block products: a small cloth pays for Python, a large one for its arithmetic."""
     python = TABLE["products in Python"]

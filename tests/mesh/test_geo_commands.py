@@ -329,25 +329,6 @@ def test_macros_and_sprintf_make_the_groups_that_they_name(folder):
     assert len(mesh.node_sets["p"]) == 4
 
 
-@pytest.mark.parametrize(
-    ("word", "suggested"),
-    [
-        ("Surfce", "Surface"),
-        ("plane", "Plane"),
-        ("Transfinit", "Transfinite"),
-        ("Include", ""),
-        ("Merge", ""),
-        ("Save", ""),
-    ],
-)
-def test_only_near_words_are_suggested(word, suggested):
-    with pytest.raises(MeshError) as caught:
-        check_geo(f"{word} 1;", "a.geo")
-    message = str(caught.value)
-    assert ("Did you mean" in message) == bool(suggested)
-    assert suggested in message
-
-
 @pytest.mark.stories
 def test_the_other_kernel(folder):
     mesh = read(written(folder, OCC, "plain.geo"))
@@ -368,20 +349,6 @@ def test_meshing_ends_at_the_limit_of_time(folder):
     with pytest.raises(InputError, match="time_limit = 0"):
         read(path, time_limit=0)
     assert main(["mesh", str(path), "--mesh-time", "1"]) == 2
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("loop", ["For i In {1:1e9}\nx = 1;", "For i In {1:2}\ni = 0;"])
-def test_a_loop_without_end_ends_at_the_limit_of_time(folder, loop):
-    path = written(folder, f"{SQUARE}{loop}\nEndFor\n")
-    with pytest.raises(MeshError, match="meshing or reading takes longer: must end within 1 s"):
-        read(path, time_limit=1.0)
-
-
-@pytest.mark.stories
-def test_a_disk_is_interrupted_too(folder):
-    code = "import fecloth as fc; fc.Cloth.disk(1.0, 2e-3)"
-    assert stopped([sys.executable, "-c", code], signal.SIGINT) != 0
 
 
 @pytest.mark.stories

@@ -1,14 +1,10 @@
 """Quadratic triangles: nodes, sets, mass, load and fields."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import skfem
 
 import fecloth as fc
-from fecloth.mesh.elements import add_midpoints
-from fecloth.mesh.flat_mesh import FlatMesh
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -81,41 +77,6 @@ def test_sets_of_input_arrays_get_their_midpoints():
     assert at["two"] == [(0, 0), (2, 1)]
     assert len(cloth.nodes("boundary")) == 12
     assert len(cloth.region("west")) == 2
-
-
-def test_sets_of_a_mesh_file_get_their_midpoints():
-    """An open curve of k nodes has k − 1 midpoints, a closed one k, a region those of its edges."""
-    file = Path(__file__).parents[2] / "meshes" / "panel.geo"
-    linear, cloth = (fc.Cloth.read(file, 0.1, element=name) for name in ("P1", "P2"))
-    count = {name: len(linear.nodes(name)) for name in linear.node_sets}
-    assert len(cloth.nodes("hem")) == 2 * count["hem"] - 1
-    assert len(cloth.nodes("neck")) == 2 * count["neck"]
-    assert len(cloth.nodes("boundary")) == 2 * count["boundary"]
-    assert cloth.nodes("sheet").tolist() == list(range(len(cloth.X)))
-    west = [
-        [0, 1, 4],
-        [0, 4, 3],
-    ]  # next to an edge of "west" nodes that is not one of its triangles
-    X = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1), (0.5, -1)]
-    mesh = FlatMesh.from_arrays(
-        X,
-        [*west, [1, 2, 5], [1, 5, 4], [6, 2, 1], [0, 6, 1]],
-        {"west": [0, 1, 3, 4, 6]},
-        triangle_sets={"west": [0, 1]},
-        where="test",
-    )
-    middles = {
-        tuple(x) for x in add_midpoints(mesh).X[add_midpoints(mesh).node_sets["west"]]
-    } - set(X)
-    assert middles == {(0.5, 0), (1, 0.5), (0.5, 0.5), (0.5, 1), (0, 0.5)}
-
-
-def test_pin_fixes_the_midpoints(cloth):
-    system = system_on(cloth, [fc.StVK(), fc.Gravity()], pins=["left"])
-    start = system.state(system.rest().x * [1.05, 1.02, 1.0])
-    end = fc.run(system, fc.BackwardEuler(), start, dt=0.01, t_end=0.03).state
-    assert np.array_equal(end.x[cloth.nodes("left")], start.x[cloth.nodes("left")])
-    assert (np.abs(end.x[cloth.nodes("right"), 2]) > 1e-4).all()
 
 
 def test_mass_and_load(cloth):

@@ -127,27 +127,6 @@ def test_a_sheet(name, element):
     assert (expected > 0) == meets
 
 
-def sphere(cloth):
-    """The sheet as a sphere of longitude and latitude: its sides touch, in a seam and two poles."""
-    longitude, latitude = 2 * np.pi * cloth.X[:, 0], np.pi * (cloth.X[:, 1] - 0.5)
-    ring = np.cos(latitude)
-    points = [ring * np.cos(longitude), ring * np.sin(longitude), np.sin(latitude)]
-    return np.column_stack(points)
-
-
-def test_a_closed_sphere_touches_itself_and_two_spheres_intersect():
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
-    surface, x = Surface.from_cloth(cloth), turned(sphere(cloth))
-    assert surface.count_intersections(x) == 0
-    both = np.concatenate([surface.triangles, surface.triangles + len(x)])
-    for gap, meets in ((2.1, False), (1.7, True)):
-        y = np.concatenate([x, turned(sphere(cloth), seed=8) + gap * np.array([0.6, 0.0, 0.8])])
-        found = count_intersections(both, y)
-        assert (found > 0) == meets
-        if meets:
-            assert found == count_exactly(both, y, both[:, 0] < len(x))
-
-
 @pytest.mark.parametrize("shift", [0.0, 1e4])
 def test_flat_sheets_anywhere_do_not_intersect(shift):
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.03)
@@ -160,13 +139,6 @@ def test_value_of_positions_that_are_not_finite_is_none():
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
     x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
     assert Surface.from_cloth(cloth).count_intersections(np.where(x == 1.0, np.nan, x)) is None
-
-
-@pytest.mark.stories
-def test_value_of_too_many_pairs_is_none():
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.04, pattern="right")
-    x = np.random.default_rng(1).standard_normal((len(cloth.X), 3))
-    assert Surface.from_cloth(cloth).count_intersections(x) is None
 
 
 # --- triangles turned over ------------------------------------------------------------------------

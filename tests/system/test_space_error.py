@@ -90,18 +90,6 @@ def test_the_estimate_does_not_depend_on_the_axes(element, law):
     assert found[0].relative > 1e-3
 
 
-@pytest.mark.parametrize("element", ["P1", "P2"])
-def test_an_isotropic_fabric_has_no_grain(element):
-    mesh = square("right", 4)
-    cloth = fc.Cloth.from_arrays(mesh.X, mesh.triangles, renumber=False, element=element)
-    systems = [
-        fc.System(cloth, ISOTROPIC, [fc.StVK(), fc.PlateBending()], grain=angle)
-        for angle in (0.0, 0.7)
-    ]
-    straight, turned = (fc.space_error(one, one.state(wavy(cloth))) for one in systems)
-    assert turned.relative == pytest.approx(straight.relative, rel=1e-9)
-
-
 def test_the_norm_is_that_of_the_moduli_at_the_state():
     """Blown up by half, a neo-Hookean sheet is far softer than at rest."""
     cloth = square("right", 6)
@@ -177,18 +165,6 @@ def test_refused_terms_are_named(why, terms):
     assert math.isnan(error.relative)
     assert error.reason.startswith(why)
     assert str(error) == f"error in space: no estimate, as {error.reason}"
-
-
-def test_loads_and_damping_are_left_out():
-    alone = error_of(fc.StVK(), fc.PlateBending())
-    others = fc.Gravity(), fc.Pressure(3.0), fc.StrainRateDamping(time=0.1)
-    assert error_of(fc.StVK(), fc.PlateBending(), *others).relative == alone.relative
-
-
-def test_a_term_may_say_that_it_stores_no_strain(monkeypatch):
-    monkeypatch.setattr(BoundFoundation, "stores_strain", False, raising=False)
-    alone = error_of(fc.StVK(), fabric=ISOTROPIC)
-    assert error_of(fc.StVK(), Foundation(), fabric=ISOTROPIC).relative == alone.relative
 
 
 def test_a_cloth_at_rest_has_no_estimate():

@@ -47,11 +47,6 @@ def scene(tmp_path):
     return load_scene(path, terms=OWN)
 
 
-@pytest.mark.parametrize("term", [Ribs(), Syrup(), Rubber()])
-def test_their_derivatives_are_checked_as_those_of_the_package(term):
-    fc.verify.check_term(term, scales=[1.0])
-
-
 # --- check and info: the warnings and lines before a run ------------------------------------------
 
 
@@ -105,24 +100,6 @@ def test_chart_replaces_a_membrane_of_its_own(scene):
     assert types == ["StVK", *list(OWN)[1:], "Gravity"]
 
 
-def own_or_not(h, model="StVK"):
-    return strip(h, terms=[OWN[model]() if model in OWN else fc.StVK(), Breeze()])
-
-
-@pytest.mark.stories
-def test_chart_of_a_function_has_its_models():
-    found = fc.study.chart(
-        *(own_or_not, "tip.z"),
-        models=["Rubber", "StVK"],
-        h=0.25,
-        probes=TIP,
-        meshes=1,
-        t_end=0.02,
-        seconds=25,
-    )
-    assert set(found.table["model"]) == {"Rubber", "StVK"}
-
-
 @pytest.mark.stories
 def test_simplify_of_a_function_leaves_out_and_replaces_what_the_traits_say():
     def light(h, dt=0.01):
@@ -152,17 +129,6 @@ def test_predictions_of_a_scene_know_its_terms(scene):
     assert change["without Ribs"] == pytest.approx(min(1.0, numbers.without_bending()))
     assert change["without Syrup"] == pytest.approx(1 - np.exp(-0.5))
     assert change["without Breeze"] == pytest.approx(numbers.loads["Breeze"] / numbers.w)
-
-
-@pytest.mark.stories
-def test_tune_chooses_the_mesh_of_a_function_with_them():
-    def pushed(h):
-        cloth = fc.Cloth.rectangle(0.5, 0.5, h, pattern="cross")
-        system = fc.System(cloth, FABRIC, [Rubber(), Ribs(), Breeze(5.0)], pins=["left"])
-        return cloth, system, None, system.rest()
-
-    tuned = fc.tune(pushed, "20%", "tip.y", h=0.125, probes=TIP)
-    assert tuned.proved
 
 
 # --- several processes ----------------------------------------------------------------------------

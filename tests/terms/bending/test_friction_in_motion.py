@@ -1,7 +1,6 @@
 """`BendingFriction` in runs: heat, steps in time and of loads, explicit limits, scenes."""
 
 import warnings
-from itertools import pairwise
 
 import meshio
 import numpy as np
@@ -13,7 +12,7 @@ import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.nonlinear.newton import StageEquation
 from fecloth.runs import restart
-from fecloth.scene.scene import Scene, scene_of
+from fecloth.scene.scene import Scene
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.stability.critical_step import critical_dt, rate_bounds
 from fecloth.stability.lanczos_estimate import estimate
@@ -62,18 +61,6 @@ def test_a_step_lowers_a_potential_whose_slope_is_its_residual(method, rng):
     assert over.bound[2].dissipation(equation.stage.at(q)[0]) > 0.0
 
 
-@pytest.mark.stories
-@pytest.mark.parametrize("name", ["backward_euler", "bdf2", "newmark", "implicit_midpoint"])
-def test_the_remainder_of_other_methods_falls_with_dt(name):
-    """The stored energy is not quadratic where a slider begins to slide."""
-    remainders = []
-    for dt in (4e-3, 1e-3):
-        energies = fall(strip(), METHODS[name](), dt).energies
-        remainders.append(np.abs(energies["remainder"]).max())
-    assert remainders[1] < 0.01 * np.ptp(energies["Gravity"])
-    assert remainders[1] < 0.3 * remainders[0]
-
-
 def test_an_arc_that_opens_against_damping():
     """Without a potential Newton's iteration ran in circles in the third step."""
     cloth = fc.Cloth.rectangle(0.04, 0.01, h=0.0025, pattern="right")
@@ -84,15 +71,6 @@ def test_an_arc_that_opens_against_damping():
     start = system.state(np.column_stack([np.sin(50 * X) / 50, Y, (1 - np.cos(50 * X)) / 50]))
     for _, info in fc.march(system, fc.ImplicitMidpoint(), start, 1e-3, 5e-3):
         assert info.counts.newton < 40
-
-
-@pytest.mark.stories
-def test_steps_in_time_converge_to_the_path():
-    """A strip that falls and swings back: the place at a time, with BDF2."""
-    ends = [fall(strip(), fc.BDF2(), 8e-3 / 2**k, 0.32).state.x for k in range(5)]
-    changes = [np.abs(a - b).max() for a, b in pairwise(ends)]
-    assert changes[0] < 0.1 * L
-    assert changes[3] < 0.6 * changes[2] < 0.36 * changes[1]
 
 
 @pytest.mark.stories
@@ -172,16 +150,6 @@ def test_the_stiffness_of_sliders_counts_in_the_limit_of_explicit_steps():
     assert estimate(slid, bent, method) < 1.2 * estimate(stiff, rest, method)
 
 
-@pytest.mark.stories
-def test_explicit_steps_at_the_limit_agree_with_implicit_ones():
-    implicit = fall(strip(), fc.BDF2(), 5e-4, 0.15)
-    explicit = fall(strip(), fc.CentralDifference(), None, 0.15)
-    far = np.abs(implicit.state.x - strip().rest().x).max()
-    assert np.abs(explicit.state.x - implicit.state.x).max() < 0.02 * far
-    work = np.ptp(explicit.energies["Gravity"])
-    assert np.abs(explicit.energies["remainder"]).max() < 1e-3 * work
-
-
 @pytest.mark.parametrize("name", [*METHODS, *EXPLICIT])
 def test_a_run_goes_on_from_a_restart_file_bit_for_bit(name, tmp_path):
     explicit, system = name in EXPLICIT, strip(n=4)
@@ -196,18 +164,6 @@ def test_a_run_goes_on_from_a_restart_file_bit_for_bit(name, tmp_path):
     ours, theirs = (each[-1][1].result.history[2].curvature for each in (on, steps))
     assert np.array_equal(ours, theirs)
     assert np.abs(ours).max() > 0.01
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("name", ["backward_euler", "bdf2", "generalized_alpha"])
-def test_the_ledger_has_the_work_of_clamps_that_turn(name):
-    """The remainder is a small part of their work, as without friction."""
-    turn = fc.Rotation((0, 0, 0), (0, 1, 0), "-1.0*t")
-    system = strip(pins=[fc.Pin("left", clamp=True, rotate=turn)], density=0.02, n=4)
-    energies = fall(system, METHODS[name](), 2e-3, 0.1).energies
-    assert energies["dissipated:BendingFriction"][-1] > 0
-    work = np.abs(np.diff(energies["pins"])).sum() + np.ptp(energies["Gravity"])
-    assert np.abs(energies["remainder"]).max() < 0.02 * work
 
 
 SCENE = {
@@ -233,25 +189,6 @@ def test_a_scene_takes_at_least_twenty_load_steps(given, taken):
     static = {} if given is None else {"load_steps": given}
     assert scene(**static).schedule.steps().load_steps == taken
     assert scene(0.0, **static).schedule.steps().load_steps == (given or 1)
-
-
-def test_shaken_needs_friction():
-    data = {**SCENE, "terms": [{"type": "StVK"}], "equilibrium": {"friction": "shaken"}}
-    with pytest.raises(fc.SceneError, match="shaken.*needs BendingFriction"):
-        scene_of(data)
-
-
-@pytest.mark.stories
-def test_a_clamp_may_move_in_an_equilibrium(tmp_path):
-    turn = {"point": [0.0, 0.0, 0.0], "axis": [0.0, 1.0, 0.0], "angle": "-0.1*t"}
-    pins = [{"where": "left", "clamp": True, "rotate": turn}]
-    result = fc.run_scene(
-        scene_of({**SCENE, "pins": pins, "equilibrium": {"load_steps": 20}}), tmp_path / "turned"
-    )
-    pin = fc.Pin("left", clamp=True, rotate=fc.Rotation((0, 0, 0), (0, 1, 0), "-0.1*t"))
-    system = strip(pins=[pin])
-    rest = fc.equilibrium(system, system.rest(), load_steps=20)
-    assert result.state.x == pytest.approx(rest.x, abs=1e-8)
 
 
 @pytest.mark.stories

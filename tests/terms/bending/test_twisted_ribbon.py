@@ -73,39 +73,6 @@ def test_ribbon_twisted_by_a_whole_turn_is_a_helicoid(pattern):
     assert abs(quadratic[1]) < 4e-4
 
 
-@pytest.mark.stories
-def test_linear_triangles_converge_to_the_helicoid_with_order_2():
-    errors = [held_at_the_helicoid("right", "P1", n) for n in (8, 16)]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
-
-
-def turned_by_clamps(pattern, element, n):
-    """Energy of a ribbon twice as wide whose flat clamped ends are turned by half a turn."""
-    width, turn = 2 * WIDTH, np.pi
-    cloth = fc.Cloth.rectangle(1.0, width, width / n * (element == "P1" or 2), pattern, element)
-    rotation = fc.Rotation((0, width / 2, 0), (1, 0, 0), f"{turn}*t")
-    pins = [fc.Pin("left", clamp=True), fc.Pin("right", clamp=True, rotate=rotation)]
-    system = fc.System(cloth, FABRIC, TERMS, pins)
-    across, along = cloth.X[:, 1] - width / 2, turn * cloth.X[:, 0]
-    x = [cloth.X[:, 0], width / 2 + across * np.cos(along), across * np.sin(along)]
-    start = fc.State(1.0, np.column_stack(x), np.zeros((len(cloth.X), 3)))
-    return sum(system.energies(fc.equilibrium(system, start, tolerance=1e-8)).values())
-
-
-@pytest.mark.stories
-def test_clamps_that_turn_twist_all_meshes_alike():
-    """No closed form: P2 on two meshes and the limits of P1 on three agree to 3e-3.
-
-    The corners where a clamp meets a free edge are singular: P2 still changes by 1e-3 there.
-    """
-    fine = [turned_by_clamps(pattern, "P2", 16) for pattern in ("equilateral", "unstructured")]
-    assert fine[0] == pytest.approx(fine[1], rel=1e-3)
-    for pattern in ("right", "cross", "unstructured"):
-        a, b, c = (turned_by_clamps(pattern, "P1", n) for n in (4, 8, 16))
-        assert np.log2((a - b) / (b - c)) == pytest.approx(2.0, abs=0.15)
-        assert c - (b - c) / 3 == pytest.approx(fine[0], rel=3e-3)
-
-
 def test_the_helicoid_of_a_narrow_ribbon_stores_its_twist_only():
     """½ · 4 D₆₆ τ² per area, and 1/720 Y τ⁴ W⁵ of the stretch of its edges."""
     exact, a, y = helicoid()

@@ -14,7 +14,6 @@ from fecloth.errors import FeclothWarning, InputError
 from fecloth.simulation.beyond_curve import LEAST_AREA, doubt_curve
 from fecloth.terms.membranes.curves import LEAST_END_SLOPE, Curve
 from fecloth.terms.membranes.table import law
-from fecloth.verify import check_term
 
 FABRIC = fc.Fabric(0.2, (1000.0, 400.0), 0.3, 60.0)
 J = np.array([(1.05, 2.0), (1.1, 5.0), (1.2, 20.0), (1.25, 45.0), (1.3, 120.0)])
@@ -90,33 +89,6 @@ def test_a_strain_that_is_no_number_gives_no_number():
         for values in E:
             W, S, _ = law(tuple(values), c)
             assert not np.isfinite([W, *S]).all()
-
-
-@pytest.mark.parametrize("element", ["P1", "P2"])
-@pytest.mark.parametrize("strain", ["interpolated", "pointwise"])
-def test_force_and_tangent_are_derivatives(element, strain, rng):
-    """Between the points, as the slope of a tangent jumps at them, and in compression."""
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, element=element)
-    term, still = fc.MembraneTable(J, SOFTER, LOCKING, 0.1, strain), np.zeros((len(cloth.X), 3))
-    states = []
-    for shape in ([[1.07, 0.2], [0.0, 1.07]], [[0.9, -0.15], [0.1, 0.95]]):
-        noise = 5e-4 * rng.standard_normal(still.shape)
-        states.append((f"{shape}", noise + cloth.X @ np.column_stack([shape, [0, 0]]), still))
-    check_term(term, cloth, FABRIC, states=states, scales=(1.0,))
-
-
-@pytest.mark.parametrize("element", ["P1", "P2"])
-def test_a_strip_bears_the_measured_force_at_every_point(element):
-    """Drawn along warp or weft with ν = 0, to 1e-8 of the largest force."""
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, element=element)
-    table = fc.MembraneTable(J, SOFTER, poisson=0.0)
-    for rows, axis, side in ((J, 0, "right"), (SOFTER, 1, "top")):
-        system = fc.System(cloth, FABRIC, [table])
-        for stretch, force in rows:
-            x = system.rest().x
-            x[:, axis] *= stretch
-            pull = -system.force(system.state(x))[cloth.nodes(side), axis].sum()
-            assert pull == pytest.approx(force, abs=1e-8 * rows[-1, 1])
 
 
 def test_shear_has_the_work_of_its_force_over_the_angle():
@@ -357,7 +329,6 @@ where = "right"
 [equilibrium]
 load_steps = 3
 """
-KNOTS = 'terms.0.warp={ stretch = [1.05, 1.1, 1.15], "stiffness" = [20.0, 60.0, 300.0] }'
 CSV = "stretch,force\n1.05,2.0\n1.1,5.0\n1.15,12.0\n"
 
 
@@ -385,44 +356,3 @@ def test_the_force_at_a_point_follows_its_row_alone(scene_file):
     found = fc.sensitivity(scene_file, names, "reaction.grip.x")
     assert found.value == pytest.approx(12.0 * 0.05)
     np.testing.assert_allclose(found.derivative, [0.0, 0.05], atol=1e-6)
-
-
-@pytest.mark.stories
-def test_fit_chooses_a_rising_curve(scene_file):
-    """Stiffnesses of a twin, from other ones, through the forces at nine stretches."""
-    twin = fc.MembraneTable({"stretch": [1.05, 1.1, 1.15], "stiffness": [20.0, 60.0, 300.0]})
-    s = np.linspace(1.015, 1.149, 9)
-    E = (s**2 - 1) / 2
-    data = {
-        "drawn [m]": 0.2 * (s - 1),
-        "force [N]": 0.05 * s * stress(np.array(twin.warp)[1:], E)[0],
-    }
-    scene = fc.load_scene(scene_file, [KNOTS, "equilibrium.load_steps=8"])
-    how = {"along": {"drawn": "grip.x"}, "quantity": {"force": "reaction.grip.x"}, "sigma": "1 %"}
-    start = {f"terms.0.warp.stiffness.{i}": k for i, k in enumerate((40.0, 40.0, 150.0))}
-    answer = fc.fit([fc.Experiment(scene, data, **how)], start, refined=False)
-    assert list(answer.values.values()) == pytest.approx([20.0, 60.0, 300.0], rel=2e-2)
-    assert len(answer.identified) == 3
-
-
-def test_damping_and_energy_momentum(rng):
-    """τ ℂ at rest; and a swing whose energy stays to Newton's tolerance."""
-    system = fc.System(SQUARE, FABRIC, [fc.StrainRateDamping(0.1, law=TABLE)])
-    viscosity = system.bound[0].viscosity
-    np.testing.assert_allclose(viscosity[0], 0.1 * TABLE.moduli(FABRIC))
-    swing = fc.System(SQUARE, FABRIC, [TABLE, fc.Gravity()], ["left"])
-    start, newton = swing.rest(), fc.Newton(tolerance=1e-11)
-    result = fc.run(swing, fc.EnergyMomentum(), start, dt=0.01, t_end=0.1, newton=newton)
-    energies = result.energies
-    assert abs(energies["remainder"][-1]) < 1e-9 * energies["kinetic"][-1]
-    assert energies["MembraneTable"][-1] > 1e-3 * energies["kinetic"][-1]
-    assert np.isfinite(result.space_error)
-
-
-def test_a_curve_has_at_most_ten_thousand_rows():
-    """A scene and its copies hold the rows, and read them again at each start."""
-    stretch = np.linspace(1.0, 1.2, 10_001)
-    curve = np.column_stack([stretch, stretch * (stretch - 1)])
-    assert len(fc.MembraneTable(warp=curve[:-1], weft=curve[:-1]).warp) == 10_000
-    with pytest.raises(fc.InputError, match="warp has 10001 rows: must have at most 10000"):
-        fc.MembraneTable(warp=curve, weft=curve)

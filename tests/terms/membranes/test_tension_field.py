@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from conftest import affine, flat, rough
+from conftest import affine
 from scipy.optimize import minimize
 
 import fecloth as fc
-from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.membranes.tension_field import law
-from fecloth.verify import check_term, trial_states
 
 Y, NU = 1000.0, 0.3
 C = np.array([Y, NU])
@@ -102,43 +100,6 @@ def uniform(cloth, stretches, noise, rng):
     return (x + noise * rng.standard_normal(x.shape)) @ turn
 
 
-def test_derivatives_within_the_states(rng):
-    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
-    v = np.zeros((len(cloth.X), 3))
-    trials = [
-        ("taut", uniform(cloth, [1.6, 1.5], 0.003, rng), v),
-        ("wrinkled", uniform(cloth, [1.6, 0.3], 0.003, rng), v),
-        *trial_states(cloth)[::2],  # random and nearly degenerate: all the states at once
-    ]
-    check_term(fc.TensionField(), cloth, fc.Fabric(0.2, Y, NU), trials)
-
-
-def test_slack_cloth_has_no_stress(sheet, isotropic):
-    system = fc.System(sheet, isotropic, [fc.TensionField()])
-    state = system.state(0.5 * flat(sheet))
-    assert not system.force(state).any()
-    assert system.stiffness(state).nnz == 0 or not system.stiffness(state).data.any()
-
-
-def test_taut_is_stvk_bit_for_bit_in_force(sheet, isotropic, rng):
-    x = uniform(sheet, [1.5, 1.4], 0.005, rng)
-    relaxed, plain = (fc.System(sheet, isotropic, [t]) for t in (fc.TensionField(), fc.StVK()))
-    force = plain.force(plain.state(x))
-    np.testing.assert_allclose(relaxed.force(relaxed.state(x)), force, atol=1e-12 * Y)
-    difference = relaxed.stiffness(relaxed.state(x)) - plain.stiffness(plain.state(x))
-    assert abs(difference).max() < 1e-11 * Y
-
-
-def test_exact_tangent_is_semidefinite_and_is_the_definite_one(sheet, isotropic, rng):
-    system = fc.System(sheet, isotropic, [fc.TensionField()])
-    state = system.state(rough(sheet, rng))
-    J = BlockMatrix.zeros(system.pattern)
-    exact = system.assemble(J, state, wx=1.0).to_scipy().toarray()
-    definite = system.assemble(J, state, wx=1.0, definite=True).to_scipy().toarray()
-    assert np.linalg.eigvalsh(exact)[0] > -1e-11 * abs(exact).max()
-    np.testing.assert_allclose(definite, exact, atol=1e-11 * abs(exact).max())
-
-
 # --- which laws agree at rest ---------------------------------------------------------------------
 
 
@@ -192,37 +153,3 @@ def test_laws_that_agree_to_second_order_at_rest(name):
         compliance = np.linalg.inv(rows)
         assert 1 / compliance[0, 0] == pytest.approx(Y, rel=1e-5)  # uniaxial
         assert rows[0, 0] + rows[0, 1] == pytest.approx(Y / (1 - nu), rel=1e-5)  # biaxial
-
-
-def test_laws_that_cannot_agree():
-    """ν = ½ is incompressible neo-Hookean's and ν = 0 the deformation tensor's, always.
-
-    Given the tensile stiffness Y both must miss the biaxial modulus Y/(1 − ν) and the shear
-    modulus Y/(2 (1 + ν)) of another ν, by these factors.
-    """
-    nu = 0.3
-    fabric = fc.Fabric(0.2, Y, nu)
-    for term, own in ((fc.NeoHookean(), 0.5), (fc.TensorCondition(Y / 4), 0.0)):
-        rows = rest_moduli(term, fabric)
-        assert 1 / np.linalg.inv(rows)[0, 0] == pytest.approx(Y, rel=1e-5)
-        biaxial, shear = rows[0, 0] + rows[0, 1], rows[2, 2]
-        assert biaxial / (Y / (1 - nu)) == pytest.approx((1 - nu) / (1 - own), rel=1e-5)
-        assert shear / (Y / (2 * (1 + nu))) == pytest.approx((1 + nu) / (1 + own), rel=1e-5)
-
-
-def test_relaxed_law_has_no_second_order_at_rest_itself():
-    """From rest its stress is that of StVK in tension, less in shear, and nothing in compression:
-    no ℂ at E = 0 serves all directions."""
-    fabric = fc.Fabric(0.2, Y, 0.3)
-    e = 1e-6
-    stretched = (secant(fc.TensionField(), fabric, np.eye(3)[:, :2] * (1 + s * e)) for s in (1, -1))
-    pulled, pushed = stretched
-    assert pulled[0] / e == pytest.approx(Y / 0.7, rel=1e-5)
-    assert pushed[0] == 0.0
-    along, against = (
-        secant(fc.TensionField(), fabric, [[s, 0], [0, 1], [0, 0]]) for s in (1 + e, 1 - e)
-    )
-    assert along[0] / e == pytest.approx(Y / (1 - 0.3**2), rel=1e-5)
-    assert not against.any()
-    pure_shear = secant(fc.TensionField(), fabric, [[1, e], [e, 1], [0, 0]])
-    assert pure_shear[2] / (2 * e) == pytest.approx(Y / 4, rel=1e-5)  # G would be Y/2.6
