@@ -131,25 +131,25 @@ def test_forces_energies_and_stress(case):
     assert ours.keys() == theirs.keys()
     for name in theirs:
         assert ours[name] == pytest.approx(theirs[name], rel=1e-11)
-    for one, other in zip(apart.bound, whole.bound, strict=True):
-        assert one.supplies == other.supplies
+    for of_parts, single in zip(apart.bound, whole.bound, strict=True):
+        assert of_parts.supplies == single.supplies
         for name in ("power", "supply"):
-            power = getattr(other, name)(state.x, state.v, state.t)
-            assert getattr(one, name)(state.x, state.v, state.t) == pytest.approx(power, 1e-11)
-        if other.has_stress:
+            power = getattr(single, name)(state.x, state.v, state.t)
+            assert getattr(of_parts, name)(state.x, state.v, state.t) == pytest.approx(power, 1e-11)
+        if single.has_stress:
             a, b = np.zeros((2, len(whole.cloth.triangles), 4))
-            one.add_stress(state.x, a)
-            other.add_stress(state.x, b)
+            of_parts.add_stress(state.x, a)
+            single.add_stress(state.x, b)
             close(a, b)
-        if other.has_curves:
-            area = other.beyond(state.x, state.t)
-            assert one.beyond(state.x, state.t) == pytest.approx(area)
+        if single.has_curves:
+            area = single.beyond(state.x, state.t)
+            assert of_parts.beyond(state.x, state.t) == pytest.approx(area)
             assert 0.01 < area / whole.cloth.area < 0.99
-        if other.recovers_strain:
-            error = other.strain_error(state.x, state.t)
-            close(one.strain_error(state.x, state.t), error)
+        if single.recovers_strain:
+            error = single.strain_error(state.x, state.t)
+            close(of_parts.strain_error(state.x, state.t), error)
         at = (whole.rest().x, 0.0), (state.x, 0.7), [(state.x, 0.7)]
-        assert one.work_of_clamps(*at) == pytest.approx(other.work_of_clamps(*at), 1e-9)
+        assert of_parts.work_of_clamps(*at) == pytest.approx(single.work_of_clamps(*at), 1e-9)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -193,15 +193,15 @@ def test_terms_over_a_step(case, at_mean):
     whole, apart, state = both(case, 3)
     x = whole.rest().x
     step = StepDifference(x, 0.1, 0.05, ((0.7, x), (0.3, 1.1 * x)), at_mean)
-    one, other = apart.over_step(step), whole.over_step(step)
-    close(one.force(state), other.force(state))
-    for a, b in zip(one.bound, other.bound, strict=True):
+    of_parts, single = apart.over_step(step), whole.over_step(step)
+    close(of_parts.force(state), single.force(state))
+    for a, b in zip(of_parts.bound, single.bound, strict=True):
         assert a.has_energy == b.has_energy
         if b.has_energy:
             assert a.energy(state.x, 0.7) == pytest.approx(b.energy(state.x, 0.7), 1e-11)
         if b.dissipates_over_step:
             assert a.dissipation(state.x) == pytest.approx(b.dissipation(state.x), 1e-11)
-    del one, a
+    del of_parts, a
     apart.force(state)
     assert all(len(w.terms) == len(apart.crew.here.system.bound) for w in apart.link.workers)
 

@@ -1,6 +1,5 @@
 """Grain angles and regions: bias-cut strips, two fabrics in one cloth, regions from mesh files."""
 
-import gmsh
 import numpy as np
 import pytest
 import scipy.linalg
@@ -146,53 +145,6 @@ def test_mass_and_weight_of_two_densities(mass):
 
 
 # --- regions of mesh files ------------------------------------------------------------------------
-
-GEO = """
-Point(1) = {0, 0, 0, 0.1}; Point(2) = {0.6, 0, 0, 0.1}; Point(3) = {1, 0, 0, 0.1};
-Point(4) = {1, 0.5, 0, 0.1}; Point(5) = {0.6, 0.5, 0, 0.1}; Point(6) = {0, 0.5, 0, 0.1};
-Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 5}; Line(5) = {5, 6};
-Line(6) = {6, 1}; Line(7) = {2, 5};
-Curve Loop(1) = {1, 7, 5, 6}; Plane Surface(1) = {1};
-Curve Loop(2) = {2, 3, 4, -7}; Plane Surface(2) = {2};
-Physical Surface("body") = {1};
-Physical Surface("hem") = {2};
-Physical Curve("seam") = {7};
-"""
-
-
-def written(folder, version):
-    """The same two surfaces as a .geo file, or as a .msh file of one version."""
-    geo = folder / "two.geo"
-    geo.write_text(GEO)
-    if version == "geo":
-        return geo
-    path = folder / f"two_{version}.msh"
-    gmsh.initialize(readConfigFiles=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.merge(str(geo))
-        gmsh.model.mesh.generate(2)
-        gmsh.option.setNumber("Mesh.MshFileVersion", float(version))
-        gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
-    return path
-
-
-@pytest.mark.parametrize("version", ["geo", "2.2", "4.1"])
-def test_physical_surfaces_become_regions(version, tmp_path):
-    cloth = fc.Cloth.read(written(tmp_path, version))
-    assert set(cloth.triangle_sets) == {"body", "hem"}
-    centroids = cloth.X[cloth.triangles].mean(axis=1)
-    for name, inside, area in (
-        ("body", centroids[:, 0] < 0.6, 0.3),
-        ("hem", centroids[:, 0] > 0.6, 0.2),
-    ):
-        np.testing.assert_array_equal(cloth.region(name), np.flatnonzero(inside))
-        assert cloth.weights[cloth.region(name)].sum() == pytest.approx(area, rel=1e-12)
-    system = fc.System(cloth, {"body": WOVEN, "hem": LINING}, [fc.StVK()])
-    assert system.nodal_mass.sum() == pytest.approx(0.15 * 0.3 + 0.4 * 0.2, rel=1e-12)
-    assert cloth.X[cloth.nodes("seam")][:, 0] == pytest.approx(0.6)
 
 
 def test_renumbering_keeps_the_regions(rng):

@@ -13,8 +13,6 @@ import fecloth as fc
 from fecloth.cli import main
 from fecloth.scene.scene import load_scene
 
-WOVEN = ["silk", "cotton", "polyester-tablecloth", "trousers", "canvas"]
-WOVEN += ["denim-wang", "denim-clyde", "wool-coating"]
 GRAM_FORCE = 9.80665e-3  # N
 
 
@@ -49,23 +47,6 @@ def test_a_fabric_of_clyde_has_the_energy_of_the_publication(strain):
     assert energy(fc.Fabric.preset("silk"), *strain) == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("name", "half", "nu"),
-    [
-        ("silk", "warp", 1.16),
-        ("cotton", "weft", 0.5),
-        ("canvas", "weft", 0.5),
-        ("denim-clyde", "warp", 0.94),
-        ("wool-coating", "weft", 0.5),
-    ],
-)
-def test_the_coupling_of_clyde_is_half_of_another_modulus(name, half, nu):
-    """It is half of a₂₂ or a₁₁ to three decimals, which indicates that ν was not measured."""
-    warp, weft, _, coupling, *_ = fc.Fabric.preset(name).moduli()
-    assert coupling == pytest.approx((warp if half == "warp" else weft) / 2, rel=2e-4)
-    assert round(fc.Fabric.preset(name).poisson_ratio, 2) == nu
-
-
 @pytest.mark.parametrize("strain", [(0.02, 0, 0), (0, 0.03, 0), (0.01, -0.02, 0.04)])
 def test_a_fabric_of_wang_has_the_energy_of_their_simulators_force(strain):
     """Denim, u weft and v warp: k = 2c, e = k₀ε_u²/2 + k₁ε_uε_v + k₂ε_v²/2 + k₃ε_uv².
@@ -86,17 +67,6 @@ def test_a_fabric_of_wang_has_the_rigidity_that_was_measured_along_the_angle(ang
     measured = {0.0: 64.196457, 90.0: 96.951576}.get(angle, 73.384567)  # µN m
     D = fc.Fabric.preset("denim-wang").plate()
     assert 1e6 * curvature @ D @ curvature == pytest.approx(measured / 4, rel=1e-12)
-
-
-@pytest.mark.parametrize("name", [n for n in fc.Fabric.presets() if fc.Fabric.preset(n).bending])
-def test_a_preset_resists_every_curvature(name):
-    """B₄₅ is measured, and 0.77 to 1.34 times Huber's estimate, (√B₁ + √B₂)²/4."""
-    fabric = fc.Fabric.preset(name)
-    warp, weft = fabric.bending
-    assert np.linalg.eigvalsh(fabric.plate())[0] > 0.2 * min(warp, weft)
-    huber = (math.sqrt(warp) + math.sqrt(weft)) ** 2 / 4
-    assert 0.77 <= round(fabric.bias_rigidity / huber, 2) <= 1.34
-    assert fabric.bending_poisson_ratio == 0  # nobody measured it
 
 
 # --- KES-F ----------------------------------------------------------------------------------------
@@ -250,7 +220,6 @@ def test_regions_have_presets(tmp_path):
 CONSTANTS = ["areal_density", "tensile_stiffness", "poisson_ratio", "shear_stiffness"]
 CONSTANTS += ["bending_rigidity", "bending_poisson_ratio", "bending_hysteresis", "source"]
 KES = "kes = { W = 20.0, EMT = [4, 6], G = 0.8, B = [0.12, 0.08], '2HB' = 0.05 }"
-FAST = "fast = { W = 168, E100 = [2.0, 4.0], EB5 = 3.0, C = [15, 14.5] }"
 
 
 def test_scene_with_fields_of_instruments(tmp_path):

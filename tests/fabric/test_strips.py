@@ -1,7 +1,6 @@
 """Forces of strips by all rows of Wang et al., against a computation of their own; the command."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import fecloth as fc
 from fecloth.cli import main
 from fecloth.fabric import presets, strips
 
-ROOT = Path(__file__).parents[2]
 WANG = [name for name in fc.Fabric.presets() if presets.rows(name)]
 
 
@@ -58,13 +56,13 @@ def independent_force(rows, strain, angle):
         return F @ np.array([[S11, S12], [S12, S22]]) @ R
 
     free = 2 if angle == 45 else 1  # a strip along warp or weft does not shear
-    found = root(
+    solution = root(
         lambda z: first_piola(*z, *[0] * (2 - free))[1::-1, 1][:free],
         [1 - strain / 5, strain / 9][:free],
         tol=1e-12,
     )
-    assert abs(found.fun).max() < 1e-8
-    return first_piola(*found.x, *[0] * (2 - free))[0, 0]
+    assert abs(solution.fun).max() < 1e-8
+    return first_piola(*solution.x, *[0] * (2 - free))[0, 0]
 
 
 @pytest.mark.parametrize("along", strips.ALONG)
@@ -101,26 +99,6 @@ def test_the_constants_give_the_force_of_the_preset(name):
 
 
 # --- pages and the command ------------------------------------------------------------------------
-
-
-def test_the_page_of_fabrics_says_how_far_the_constants_are_off():
-    page = (ROOT / "fecloth" / "fabric" / "README.md").read_text(encoding="utf-8")
-    page = " ".join(page.split())
-    off = {
-        (name, along): [strips.compare(stretching(name), e, along)[1] for e in (0.05, 0.2)]
-        for name, along in [("interlock", "warp"), *((n, a) for n in WANG for a in strips.ALONG)]
-    }
-    five, twenty = (f"{-100 * x:.0f} %" for x in off["interlock", "warp"])
-    assert (
-        f"is {five} too small for the warp of the interlock at a strain of 5 %, and {twenty}"
-        in page
-    )
-    assert [round(-100 * x) for x in off["denim-wang", "warp"]] == [1, 3]
-    assert "for the warp of the denim 1 and 3 %" in page
-    within = {a: {n for n in WANG if abs(off[n, a][1]) < 0.1} for a in strips.ALONG}
-    assert (len(within["warp"]), len(within["weft"]), len(within["45°"])) == (4, 2, 0)
-    assert within["weft"] == {"polyester-tablecloth", "trousers"} < within["warp"]
-    assert "At 20 % four of nine fabrics are within 10 % along the warp, two of these along" in page
 
 
 def printed(capsys, *arguments):

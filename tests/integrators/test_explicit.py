@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.linalg
 from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
 from support.tiers import stories_except
@@ -29,62 +28,6 @@ def test_order_with_damping_and_moved_pins(method, small, isotropic):
     terms = [fc.StVK(), fc.StrainRateDamping(2e-4), fc.Gravity()]
     system = fc.System(small, isotropic, terms, pins=[shake, rail])
     check_integrator(system, method, taut_start(system), t_end=0.01, steps=(80, 160, 320, 640))
-
-
-def spring(rate=0.0):
-    """A node pair of a strip that slides along X: one mode; the system and its ω [1/s]."""
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=1.0, pattern="right")
-    fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
-    terms = [LinearMembrane(1.0), *([fc.MassDamping(rate)] if rate else [])]
-    pins = ["left", fc.Slide("right", direction=(1.0, 0.0, 0.0))]
-    system = fc.System(cloth, fabric, terms, pins)
-    Z = system.admissible
-    K, M = Z.T @ system.stiffness(system.rest()) @ Z, Z.T @ system.mass @ Z
-    values, modes = scipy.linalg.eigh(K.toarray(), M.toarray())
-    return system, (Z @ modes[:, -1]).reshape(-1, 3), np.sqrt(values[-1])
-
-
-def growth(method, omega_dt, zeta, steps=400):
-    """Largest size of the fastest mode in the second half of a run over that in the first."""
-    omega = spring()[2]
-    system, shape, _ = spring(2 * zeta * omega)
-    dt = omega_dt / omega
-    start = system.state(system.rest().x + 1e-3 * shape)
-    weight = system.nodal_mass[:, None] * shape
-    sizes = [
-        np.hypot(np.vdot(weight, s.x - system.rest().x), np.vdot(weight, s.v) / omega)
-        for s, _ in fc.march(system, method, start, dt, steps * dt, most_stretch=np.inf)
-    ]
-    return max(sizes[steps // 2 :]) / max(sizes[: steps // 2])
-
-
-@pytest.mark.parametrize(
-    ("method", "zeta", "limit"),
-    [
-        (SYMPLECTIC, 0.0, 2.0),
-        (SYMPLECTIC, 0.1, 2 * (np.sqrt(1.01) - 0.1)),
-        (SYMPLECTIC, 0.5, 2 * (np.sqrt(1.25) - 0.5)),
-        (SYMPLECTIC, 1.0, 2 * (np.sqrt(2.0) - 1.0)),
-        (CENTRAL, 0.0, 2.0),
-        (CENTRAL, 0.1, 2 * (np.sqrt(1 + 4 * 0.1**2) - 2 * 0.1)),
-        (CENTRAL, 0.5, 2 * (np.sqrt(1 + 4 * 0.5**2) - 2 * 0.5)),
-        (CENTRAL, 1.0, 2 * (np.sqrt(1 + 4 * 1.0**2) - 2 * 1.0)),
-        pytest.param(EULER, 0.1, 0.2, marks=pytest.mark.stories),
-        pytest.param(EULER, 0.5, 1.0, marks=pytest.mark.stories),
-    ],
-    ids=lambda value: named(value) if hasattr(value, "traits") else f"{value:.3g}",
-)
-def test_stability_limit_of_a_mode(method, zeta, limit):
-    if method == CENTRAL and zeta:
-        stated = {0.1: 1.64, 0.5: 0.83, 1.0: 0.47}
-        assert limit == pytest.approx(stated[zeta], abs=0.005)
-    steps = 4000 if method == EULER else 400  # it leaves its limit slowly
-    assert growth(method, 0.98 * limit, zeta, steps) <= 1.01
-    assert growth(method, 1.02 * limit, zeta, steps) > 1.5
-
-
-def test_forward_euler_without_damping_grows_at_any_dt():
-    assert growth(EULER, 0.05, 0.0) == pytest.approx((1 + 0.05**2) ** 100, rel=0.02)
 
 
 @pytest.mark.parametrize("method", ALL, ids=named)

@@ -49,17 +49,13 @@ def test_two_threads_give_the_same_bits_as_one(renumber, steps, orthotropic, rng
     assert len(x) > SMALLEST_SHARED_LOOP
     start = system.state(x, rng.standard_normal(x.shape))
     numba.set_num_threads(1)  # what the caller has chosen for its own loops
-    one, two, again = (fc.many_steps(system, start, 1e-4, steps, threads=t) for t in (1, 2, 2))
+    alone, shared, again = (fc.many_steps(system, start, 1e-4, steps, threads=t) for t in (1, 2, 2))
     assert numba.get_num_threads() == 1
-    assert abs(one.x - start.x).max() > 1e-5
-    assert np.array_equal(one.x, two.x)
-    assert np.array_equal(one.v, two.v)
-    assert np.array_equal(two.x, again.x)
-    assert np.array_equal(two.v, again.v)
-
-
-LOADS = [fc.PointForce("right", (1.0, 2.0, 3)), fc.PointForce((0.2, 0.1), (0.0, 0.3, 0.1))]
-LOADS += [fc.UserForce((0.3, 0, -1.0), per=per) for per in ("area", "mass", "node")]
+    assert abs(alone.x - start.x).max() > 1e-5
+    assert np.array_equal(alone.x, shared.x)
+    assert np.array_equal(alone.v, shared.v)
+    assert np.array_equal(shared.x, again.x)
+    assert np.array_equal(shared.v, again.v)
 
 
 @pytest.mark.stories

@@ -51,8 +51,8 @@ def test_open_and_close_at_the_solved_q_are_the_step(name, slides, small, isotro
     size = np.linalg.norm(opening.residual(0 * q))
     assert np.linalg.norm(opening.residual(q)) < 1e-10 * size
     if slides:
-        one, other = closed.history[3], step.history[3]
-        np.testing.assert_allclose(one.place, other.place, rtol=0, atol=1e-15)
+        by_parts, second = closed.history[3], step.history[3]
+        np.testing.assert_allclose(by_parts.place, second.place, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -29,11 +29,13 @@ def test_integrators_agree_with_their_stability_functions(own):
     """R(z) at z = iω dt: of θ (1 + (1 − θ) z)/(1 − θ z), of SDIRK2 (1 + (1 − 2γ) z)/(1 − γ z)²."""
     omega = np.array([1e-2, 0.3, 1.0, 30.0])
     z, gamma = 1j * omega, 1 - np.sqrt(0.5)
-    found = fc.stability.amplification(own.SDIRK2(), omega)
-    assert found == pytest.approx(abs((1 + (1 - 2 * gamma) * z) / (1 - gamma * z) ** 2), rel=1e-10)
+    computed = fc.stability.amplification(own.SDIRK2(), omega)
+    assert computed == pytest.approx(
+        abs((1 + (1 - 2 * gamma) * z) / (1 - gamma * z) ** 2), rel=1e-10
+    )
     for theta in (0.5, 0.6, 1.0):
-        found = fc.stability.amplification(own.Theta(theta), omega)
-        assert found == pytest.approx(abs((1 + (1 - theta) * z) / (1 - theta * z)), rel=1e-10)
+        computed = fc.stability.amplification(own.Theta(theta), omega)
+        assert computed == pytest.approx(abs((1 + (1 - theta) * z) / (1 - theta * z)), rel=1e-10)
 
 
 @pytest.mark.stories
@@ -54,26 +56,6 @@ def swinging(cloth, isotropic):
     terms = [fc.StVK(), fc.StrainRateDamping(1e-3), fc.Gravity()]
     system = fc.System(cloth, isotropic, terms, pins=[lift, "right"])
     return system, system.state(system.rest().x * [1.1, 1.05, 1])
-
-
-@pytest.mark.stories
-def test_they_serve_a_run_with_moved_pins_and_its_ledger(own, swinging, cloth):
-    """The pinned edge is where it should be; half the step leaves a quarter of the remainder."""
-    system, start = swinging
-    edge, remainders = cloth.nodes("left"), {}
-    for method in (own.SDIRK2(), own.Theta(0.6)):
-        for dt in (1e-3, 5e-4):
-            result = fc.run(system, method, start, dt, 0.05)
-            at = [0.05 * np.sin(1.0), 0, 0.05 * (1 - np.cos(1.0))]
-            assert abs(result.state.x[edge] - start.x[edge] - at).max() < 1e-12
-            speed = [np.cos(1.0), 0, np.sin(1.0)]
-            np.testing.assert_allclose(
-                result.state.v[edge], np.tile(speed, (len(edge), 1)), 1e-6, 1e-6
-            )
-            remainders[repr(method), dt] = abs(result.energies["remainder"][-1])
-            assert remainders[repr(method), dt] < 0.02 * result.energies["StVK"][0]
-            assert result.energies["numerical"][-1] > 0
-    assert remainders["SDIRK2()", 1e-3] > 3 * remainders["SDIRK2()", 5e-4]
 
 
 def test_missing_members_of_a_method_are_named(own, swinging):

@@ -4,95 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import scipy.linalg
-from conftest import affine, taut_start
-from support.linear_term import LinearDamping, LinearMembrane
+from conftest import taut_start
 
 import fecloth as fc
 from fecloth.integrators.newmark import Acceleration
 from fecloth.verify import observed_order
 
 TIGHT = fc.Newton(tolerance=1e-12)
-
-
-@pytest.fixture(scope="module")
-def drum(small):
-    """A linear, damped sheet with fixed sides, its rest, and its modes (ω², shapes)."""
-    terms, fabric = [LinearMembrane(), LinearDamping(1e-4)], fc.Fabric(0.2, 1000.0, 0.3)
-    system = fc.System(small, fabric, terms, pins=["boundary"])
-    rest = affine(small, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]])
-    free = system.free
-    K = system.stiffness(system.state(rest)).toarray()[np.ix_(free, free)]
-    M = system.mass.toarray()[np.ix_(free, free)]
-    return system, rest, M, *scipy.linalg.eigh(K, M)
-
-
-def path_of_mode(drum, method, mode, dt, steps):
-    """(steps + 1, 2) x and v of an eigenmode that starts at x = 0.01."""
-    system, rest, M, _, modes = drum
-    shape = np.zeros(rest.size)
-    shape[system.free] = modes[:, mode]
-    start = system.state(rest + 0.01 * shape.reshape(-1, 3))
-    weight, path = M @ modes[:, mode], [(0.01, 0.0)]
-    for state, _ in fc.march(system, method, start, dt, steps * dt, solver="direct", newton=TIGHT):
-        both = (state.x - rest).ravel(), state.v.ravel()
-        path.append([weight @ y[system.free] for y in both])
-    return np.array(path)
-
-
-def newmark(A, y, a, dt, alpha_m, alpha_f, beta, gamma):
-    """One step of the method on x'' = −k x − d v, A = (k, d), by solving for all of x, v, a."""
-    (x, v), (k, d) = y, A
-    f = 1 - alpha_f
-    matrix = [
-        [1, 0, -beta * dt**2],
-        [0, 1, -gamma * dt],
-        [f * k, f * d, 1 - alpha_m],
-    ]
-    right = [
-        x + dt * v + (0.5 - beta) * dt**2 * a,
-        v + (1 - gamma) * dt * a,
-        -alpha_m * a - alpha_f * (k * x + d * v),
-    ]
-    x, v, a = np.linalg.solve(matrix, right)
-    return np.array([x, v]), a
-
-
-ONE_STEP = {
-    fc.Newmark(): (0.0, 0.0, 0.25, 0.5),
-    fc.Newmark(0.36, 0.7): (0.0, 0.0, 0.36, 0.7),
-    fc.GeneralizedAlpha(0.0): (-1.0, 0.0, 1.0, 1.5),
-    fc.GeneralizedAlpha(0.5): (0.0, 1 / 3, 4 / 9, 5 / 6),
-    fc.GeneralizedAlpha(1.0): (0.5, 0.5, 0.25, 0.5),
-}
-
-
-@pytest.mark.parametrize("mode", [0, -1])
-@pytest.mark.parametrize(("method", "parameters"), ONE_STEP.items(), ids=repr)
-def test_a_mode_follows_the_scalar_method(method, parameters, mode, drum):
-    k, dt = drum[3][mode], 2e-3
-    A = k, 1e-4 * k
-    y, a, path = np.array([0.01, 0.0]), -0.01 * k, [(0.01, 0.0)]
-    for _ in range(6):
-        y, a = newmark(A, y, a, dt, *parameters)
-        path.append(y)
-    found = path_of_mode(drum, method, mode, dt, 6)
-    np.testing.assert_allclose(
-        found / [1, np.sqrt(k)], path / np.array([1, np.sqrt(k)]), atol=1e-11
-    )
-
-
-@pytest.mark.parametrize("mode", [0, -1])
-def test_a_mode_follows_the_scalar_bdf2(mode, drum):
-    """Steps of equal size, 3/2 y₁ − 2 y₀ + ½ y₋ = dt A y₁, after one of the trapezoidal rule."""
-    k, dt = drum[3][mode], 2e-3
-    A, eye = dt * np.array([[0.0, 1.0], [-k, -1e-4 * k]]), np.eye(2)
-    path = [np.array([0.01, 0.0])]
-    path.append(np.linalg.solve(eye - A / 2, (eye + A / 2) @ path[0]))
-    for _ in range(5):
-        path.append(np.linalg.solve(1.5 * eye - A, 2 * path[-1] - path[-2] / 2))
-    scale, found = np.array([1, np.sqrt(k)]), path_of_mode(drum, fc.BDF2(), mode, dt, 6)
-    np.testing.assert_allclose(found / scale, np.array(path) / scale, atol=1e-11)
 
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])

@@ -138,16 +138,6 @@ def test_an_equal_pattern_is_analysed_once(kind, monkeypatch):
     assert len(made) == 2
 
 
-def test_auto_returns_to_pcg_if_iterations_become_few(monkeypatch):
-    monkeypatch.setattr(select, "DECAY", 0.98)
-    solver, other = auto(), select.direct().name
-    assert steps(solver, hard(), 4) == [other] * 4
-    names = steps(solver, easy(), 80)
-    returned = names.index("pcg")
-    assert 5 < returned < 60
-    assert names[returned:] == ["pcg"] * (80 - returned)
-
-
 def reusing_steps(solver, A, count):
     """Solve with A in `count` steps, with one factor; return the names of the solvers."""
     names = []
@@ -209,13 +199,6 @@ def test_the_work_of_multigrid_and_of_a_factorisation_is_estimated():
     solver = auto()
     assert solver.estimate("multigrid") == 8.0 + 2.0 + 1.0 + 10 * 200.0
     assert solver.estimate("direct") == pytest.approx(0.45 * (8.0 + 95.0) + 20.0 + 1.0)
-
-
-def test_auto_does_not_judge_a_factorisation_by_its_first_factor():
-    """A factor and a solve cost more than an average solve of conjugate gradients."""
-    dear = factor_prices("direct", load=0.0, analysis=0.0, factor=100.0, solve=5.0)
-    names = reusing_steps(auto(fast=dear), middle(), 10)
-    assert names == ["pcg"] + [select.direct().name] * 9
 
 
 def test_auto_gives_a_solve_up_after_twice_the_work_of_another(monkeypatch):

@@ -104,15 +104,3 @@ def test_slots_of_an_uncoupled_pair_are_rejected():
     pattern = BlockPattern.union(4, [np.array([[0, 1]], np.int32)])
     with pytest.raises(InputError, match=r"nodes \[0, 3\]: are not all coupled"):
         pattern.slots(np.array([[0, 1], [0, 3]], np.int32))
-
-
-def test_scipy_and_products_are_copies_in_floats():
-    pattern = BlockPattern.union(3, [np.array([[0, 1]], np.int32)])
-    A = BlockMatrix.zeros(pattern)
-    A.values[pattern.diagonal] = 0.5 * np.eye(3)
-    before = pattern.indices.copy()
-    made = A.to_scipy()
-    made.eliminate_zeros()
-    made.indices[:] = 0
-    assert np.array_equal(pattern.indices, before)
-    assert (A @ np.ones((3, 3), int) == 0.5).all()

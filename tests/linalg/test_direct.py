@@ -14,8 +14,6 @@ from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg import mkl_pardiso, select
 from fecloth.linalg.block_matrix import BlockMatrix
 
-pardiso = pytest.param("pardiso", marks=needs_pardiso)
-
 
 @pytest.mark.parametrize("kind", [select.Rslab, select.SuperLU])
 def test_a_pivot_of_zero_is_indefinite(kind):

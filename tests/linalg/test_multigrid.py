@@ -104,7 +104,7 @@ def small_loops_shared(monkeypatch):
 @pytest.mark.parametrize(("pattern", "element", "bending"), MESHES[::9])
 def test_threads_do_not_change_a_bit(pattern, element, bending, small_loops_shared):
     system = cloth_system(0.1 if element == "P2" else 0.05, pattern, element, bending)
-    state, found = folded(system), []
+    state, results = folded(system), []
     b = system.constraints.project(system.force(state))
     for threads in (1, 2, 3):
         team = Team(threads)
@@ -114,12 +114,12 @@ def test_threads_do_not_change_a_bit(pattern, element, bending, small_loops_shar
         second, after = solver.solve(b, rtol=1e-4, guess=first)
         levels = [array for each in solver._levels for array in (each.A.values, each.P.data)]
         counts = np.array([info.iterations, info.residual, after.iterations, after.residual])
-        found.append([*levels, first, second, counts])
+        results.append([*levels, first, second, counts])
         assert team.used == threads
     assert sum(len(level.inverse) >= 20 for level in solver._levels) >= 2
-    for other in found[1:]:
-        for one, same in zip(found[0], other, strict=True):
-            np.testing.assert_array_equal(one, same)
+    for other in results[1:]:
+        for part, same in zip(results[0], other, strict=True):
+            np.testing.assert_array_equal(part, same)
 
 
 @pytest.mark.parametrize(("shape", "definite"), STATES)
@@ -176,18 +176,6 @@ def test_coarse_levels_represent_rigid_motions(turned):
         turning = np.cross(spin, x) + 0.3
         fitted, *_ = np.linalg.lstsq(coarse, turning.ravel())
         assert difference((coarse @ fitted).reshape(x.shape), turning) < 1e-6
-
-
-def test_coarse_levels_do_not_move_what_is_held():
-    """With the boundary held these motions would cost up to half as many iterations again."""
-    system = cloth_system(0.1, pins=["left", fc.Slide("right", normal=(0, 0, 1))])
-    state = folded(system)
-    solver = prepared(tangent(system, state), state.x)
-    P = dense_prolongator(solver._levels[0]).reshape(len(state.x), 3, -1)
-    left, right = system.cloth.nodes("left"), system.cloth.nodes("right")
-    assert not P[left].any()
-    assert not P[right][:, 2].any()
-    assert P[right][:, :2].any(axis=2).all()
 
 
 def dense_prolongator(level):
@@ -254,17 +242,6 @@ def test_coarse_matrices_are_kept_until_their_age_costs_as_much_as_new_ones():
     assert counts[3] < counts[2]
 
 
-def test_a_closer_solution_does_not_count_as_age():
-    system = cloth_system(0.05, bending=fc.HingeBending())
-    state = folded(system)
-    A, b = tangent(system, state), system.constraints.project(system.force(state))
-    solver = prepared(A, state.x)
-    few = [solver.solve(b, rtol=1e-1)[1].iterations for _ in range(20)]
-    more = solver.solve(b, rtol=1e-12)[1].iterations
-    assert more > few[0] + ITERATIONS_PER_REBUILD
-    assert solver._extra_iterations < ITERATIONS_PER_REBUILD
-
-
 @pytest.mark.parametrize(
     "bending", stories_except([None, fc.HingeBending(), fc.PlateBending()], None)
 )
@@ -284,8 +261,8 @@ def test_memory_is_about_as_planned(bending):
 
 def test_parts_that_are_not_coupled():
     """Two sheets: the coarsest level has an aggregate of each."""
-    one = sheet(m=5).to_scipy()
-    A = scipy.sparse.block_diag([one, 3.0 * one]).tobsr((3, 3))
+    part = sheet(m=5).to_scipy()
+    A = scipy.sparse.block_diag([part, 3.0 * part]).tobsr((3, 3))
     A.sort_indices()
     A = BlockMatrix(BlockPattern(A.indptr, A.indices), A.data)
     solver, b = prepared(A), load(A)

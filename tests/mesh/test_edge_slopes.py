@@ -7,8 +7,6 @@ from support.plates import PATTERNS, square
 
 import fecloth as fc
 
-CURVATURES = np.eye(3)  # κ₁₁, κ₂₂, 2κ₁₂
-
 
 def angles(edges):
     """(h, 3) the angle of each hinge for each of the curvatures, of nodes on the deflection."""

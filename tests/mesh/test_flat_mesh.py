@@ -25,8 +25,8 @@ def test_zero_area_just_above_the_limit_is_accepted():
 
 
 def test_orientation():
-    good = FlatMesh.from_arrays(QUAD_X, QUAD_T)
-    assert good.triangles.tolist() == QUAD_T
+    straight = FlatMesh.from_arrays(QUAD_X, QUAD_T)
+    assert straight.triangles.tolist() == QUAD_T
     turned = FlatMesh.from_arrays(QUAD_X, [[2, 1, 0], [3, 2, 0]])
     assert (areas(turned) > 0).all()
     mesh = rectangle(1, 1, 0.25, "right")

@@ -36,16 +36,6 @@ def test_committed_geometries(name, groups, area):
     assert quality(mesh.X, mesh.triangles).min() > 0.5
 
 
-def test_points_and_surfaces_become_node_sets():
-    flag = read(MESHES / "flag.geo", h=0.2)
-    assert flag.X[flag.node_sets["hoist_top"]].tolist() == [[0, 1]]
-    assert flag.X[flag.node_sets["hoist_bottom"]].tolist() == [[0, 0]]
-    assert flag.node_sets["sheet"].tolist() == list(range(len(flag.X)))
-    assert "sheet" not in flag.edge_sets
-    disk_file = read(MESHES / "disk.geo", h=0.2)
-    assert disk_file.X[disk_file.node_sets["centre"]].tolist() == [[0, 0]]
-
-
 def geo(tmp_path, old="", new="", extra=""):
     text = (MESHES / "square.geo").read_text()
     assert old in text
@@ -185,13 +175,6 @@ def test_round_trip_through_meshio(tmp_path, suffix):
     np.testing.assert_allclose(back.X, mesh.X, atol=1e-6 if suffix == ".ply" else 1e-12)
     assert np.array_equal(back.triangles, mesh.triangles)
     assert np.array_equal(back.edge_sets["boundary"], mesh.edge_sets["boundary"])
-
-
-def test_stl_nodes_are_merged(tmp_path):
-    mesh = rectangle(1.0, 0.5, 0.25, "cross")
-    back = read(saved(tmp_path, "s.stl", [("triangle", mesh.triangles)], mesh.X))
-    assert len(back.X) == len(mesh.X)
-    assert areas(back).sum() == pytest.approx(0.5)
 
 
 def test_meshio_sets_through_a_file(tmp_path):

@@ -92,39 +92,12 @@ def test_triangles_at_random(sizes):
     assert count_intersections(triangles, x) == expected
 
 
-def rolled(cloth, turns):
-    """A sheet rolled to a cylinder; more than one turn goes through the first, by a slant."""
-    angle = 2 * np.pi * turns * cloth.X[:, 0]
-    radius = 1 + 0.2 * np.cos(2 * angle)
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), cloth.X[:, 1]])
-
-
 def folded(cloth, angle):
     """A sheet folded along X = 0.5, and a wave in one half that reaches through the other."""
     X, Y = cloth.X.T
     beyond = np.maximum(X - 0.5, 0.0)
     z = np.sin(angle) * beyond + 0.04 * np.sin(9 * X) * np.sin(7 * Y) * (X < 0.5)
     return np.column_stack([np.minimum(X, 0.5) + np.cos(angle) * beyond, Y, z])
-
-
-SHEETS = {
-    "flat": (lambda cloth: np.column_stack([cloth.X, 0 * cloth.X[:, 0]]), False),
-    "a cylinder that is open": (lambda cloth: rolled(cloth, 0.9), False),
-    "a cylinder through itself": (lambda cloth: rolled(cloth, 1.3), True),
-    "a fold that is open": (lambda cloth: folded(cloth, 2.0), False),
-    "a fold through itself": (lambda cloth: folded(cloth, 3.1), True),
-}
-
-
-@pytest.mark.parametrize("name", SHEETS)
-@pytest.mark.parametrize("element", ["P1", "P2"])
-def test_a_sheet(name, element):
-    shape, meets = SHEETS[name]
-    cloth = fc.Cloth.rectangle(1.0, 0.4, h=0.12 if element == "P1" else 0.25, element=element)
-    surface, x = Surface.from_cloth(cloth), turned(shape(cloth))
-    expected = count_exactly(surface.triangles, x)
-    assert surface.count_intersections(x) == expected
-    assert (expected > 0) == meets
 
 
 @pytest.mark.parametrize("shift", [0.0, 1e4])

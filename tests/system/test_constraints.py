@@ -48,15 +48,15 @@ def test_pins_that_agree_may_meet(small):
         fc.Slide("bottom", direction=(1, 0, 0)),
     ],
 )
-def test_pins_that_differ_may_not_meet(other, small):
+def test_pins_that_differ_may_not_meet(second, small):
     corner = np.intersect1d(small.nodes("left"), small.nodes("bottom"))[0]
     message = f"'left' and 'bottom' both hold node {corner} at \\(0, 0\\) m"
     with pytest.raises(fc.InputError, match=message):
-        Constraints.bind(["left", other], small)
-    apart = Constraints.bind([fc.Pin("left", without="bottom"), other], small)
+        Constraints.bind(["left", second], small)
+    apart = Constraints.bind([fc.Pin("left", without="bottom"), second], small)
     assert np.array_equal(np.sort(apart.groups["bottom"][1]), np.sort(small.nodes("bottom")))
     assert corner not in apart.groups["left"][1]
-    kept = Constraints.bind(["left", replace(other, without="left")], small)
+    kept = Constraints.bind(["left", replace(second, without="left")], small)
     assert corner in kept.groups["left"][1]
     assert corner not in kept.groups["bottom"][1]
     assert len(kept.nodes) == len(apart.nodes)
@@ -81,8 +81,8 @@ def test_reactions_of_pins_that_meet_hold_the_whole_load(small, isotropic):
     system = fc.System(small, isotropic, terms, ["left", "bottom"])
     alone = system.replace(pins=["left", fc.Pin("bottom", without="left")])
     for each in (system, alone):
-        found = fc.equilibrium(each, each.rest())
-        forces = _held_forces(each, -each.force(found))
+        rest = fc.equilibrium(each, each.rest())
+        forces = _held_forces(each, -each.force(rest))
         total = sum(forces.values())
         np.testing.assert_allclose(total, -0.2 * 0.12 * np.array([1.0, 2, 0]), rtol=1e-9)
     assert forces["left"][0] < -1e-3
@@ -93,9 +93,9 @@ def test_clamps_that_meet_hold_each_edge_once(small):
     terms = [fc.StVK(), fc.PlateBending(), fc.Gravity()]
     apart = [fc.Pin("boundary", clamp=True)]
     meeting = [fc.Pin("boundary", clamp=True), fc.Pin("left", clamp=True), "top"]
-    one, other = (fc.System(small, fabric, terms, pins) for pins in (apart, meeting))
+    first, second = (fc.System(small, fabric, terms, pins) for pins in (apart, meeting))
     x = rough(small, np.random.default_rng(2))
-    assert np.array_equal(one.force(one.state(x)), other.force(other.state(x)))
+    assert np.array_equal(first.force(first.state(x)), second.force(second.state(x)))
 
 
 def projectors_of(ranks, rng):

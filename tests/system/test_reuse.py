@@ -140,20 +140,6 @@ def test_the_same_arguments_give_the_same_bound_terms_on_an_equal_mesh(name):
     assert_same_bits(beside, make([TERMS[name], fc.Gravity()]))
 
 
-def test_a_number_of_the_fabric_of_a_region_counts():
-    regions = {"body": FABRIC, "hem": FABRIC}
-    changed = {"body": FABRIC, "hem": replace(FABRIC, tensile_stiffness=950.0)}
-    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity()]
-    base = make(terms, regions)
-    beside = make_beside(base, terms, changed)
-    assert [new is old for new, old in zip(beside.bound, base.bound, strict=True)] == [
-        False,
-        True,
-        True,
-    ]
-    assert_same_bits(beside, make(terms, changed))
-
-
 def exchanged() -> dict[str, fc.Fabric]:
     stiff = replace(FABRIC, tensile_stiffness=950.0)
     return {"body": stiff, "hem": FABRIC}

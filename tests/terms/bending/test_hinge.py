@@ -57,13 +57,6 @@ def test_hinges_are_the_interior_edges(pattern):
         assert np.any(turned, axis=0).all()  # the same triangle, in the same sense
 
 
-def test_one_triangle_has_no_hinge():
-    cloth = fc.Cloth.from_arrays([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [[0, 1, 2]])
-    system = fc.System(cloth, fc.Fabric(0.2, 1.0, bending_rigidity=B), [fc.HingeBending()])
-    assert cloth.hinges.nodes.shape == (0, 4)
-    assert not system.force(system.rest()).any()
-
-
 # --- the energy -----------------------------------------------------------------------------------
 
 

@@ -32,8 +32,8 @@ def test_cloth_on_a_winkler_bed_agrees_with_the_formula(own):
     assert np.log2(coarse / fine) == pytest.approx(2, abs=0.2)
     lines = re.findall(r"by (\S+) .* formula (\S+)", own.printed)
     assert len(lines) == 4
-    for found, formula in lines:
-        assert float(found) == pytest.approx(float(formula), rel=3e-4)
+    for computed, formula in lines:
+        assert float(computed) == pytest.approx(float(formula), rel=3e-4)
 
 
 def test_all_ways_to_write_an_elastic_bed_give_the_same_force(own, cloth, isotropic, rng):

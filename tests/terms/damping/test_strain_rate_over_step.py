@@ -11,7 +11,6 @@ from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.bdf2 import Change
 from fecloth.integrators.protocol import has_symmetric_matrix
 from fecloth.terms.kinematics import deformation_gradient
-from fecloth.verify import observed_order
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -66,42 +65,6 @@ def test_a_step_that_turns_the_cloth_meets_no_force(angle, sheet, orthotropic, r
         end = system.state(x1)
         assert abs(over.force(end)).max() < 1e-12 * elsewhere
         assert over.bound[0].dissipation(x1) < 1e-24 * system.bound[0].power(x1, x1 / dt, 0.0)
-
-
-def smooth(cloth, t):
-    """Positions and velocities (n, 3) of a motion that turns and strains."""
-    x = flat(cloth)
-    c, s = np.cos(3 * t), np.sin(3 * t)
-    turn, rate = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), np.array([[-s, c, 0], [-c, -s, 0]])
-    rate = 3 * np.vstack([rate, [0, 0, 0]])
-    bulge = x + np.outer(np.sin(4 * t + 5 * cloth.X[:, 0]), [0.02, 0.01, 0.05])
-    speed = np.outer(4 * np.cos(4 * t + 5 * cloth.X[:, 0]), [0.02, 0.01, 0.05])
-    return bulge @ turn, speed @ turn + bulge @ rate
-
-
-@pytest.mark.parametrize(
-    ("kind", "order"), [("backward Euler", 1), ("BDF2", 2), ("first of BDF2", 2)]
-)
-def test_both_forms_agree_as_dt_falls(kind, order, sheet, orthotropic):
-    system, errors = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02)]), []
-    x1, v1 = smooth(sheet, 0.3)
-    exact = system.force(system.state(x1, v1))
-    sizes = 0.01 / 2 ** np.arange(4)
-    for dt in sizes:
-        (x0, v0), older = smooth(sheet, 0.3 - dt), smooth(sheet, 0.3 - 1.5 * dt)[0]
-        state = system.state(x0, v0)
-        over = {
-            "backward Euler": lambda dt, at, old: fc.BackwardEuler().over_step(system, at, dt),
-            "BDF2": lambda dt, at, old: system.over_step(
-                fc.BDF2().difference(at, dt, Change(dt / 2, at.x - old, at.v))
-            ),
-            "first of BDF2": lambda dt, at, old: system.over_step(
-                fc.BDF2().difference(at, dt, None)
-            ),
-        }[kind](dt, state, older)
-        errors.append(np.linalg.norm(over.force(system.state(x1)) - exact))
-    assert errors[0] < 0.5 * np.linalg.norm(exact)
-    assert observed_order(sizes, errors)[-1] == pytest.approx(order, abs=0.15)
 
 
 def moved(isotropic, mass, terms):

@@ -3,17 +3,13 @@
 import numpy as np
 import pytest
 from conftest import rough
-from support.tiers import MASSES, in_turn
 
 import fecloth as fc
-from fecloth.integrators import METHODS
 from fecloth.stability.critical_step import rate_bounds
 from fecloth.verify import check_term
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
-
-TIGHT = fc.Newton(tolerance=1e-12)
 
 
 # --- mass damping ---------------------------------------------------------------------------------
@@ -27,41 +23,6 @@ def test_mass_damping_is_minus_rate_times_the_momentum(sheet, isotropic, rng):
     np.testing.assert_allclose(force, -3.0 * system.mass.dot(v.ravel()).reshape(-1, 3), rtol=1e-12)
     assert system.bound[0].power(x, v, 0.0) == pytest.approx(-np.vdot(force, v), rel=1e-13)
     assert rate_bounds(system) == pytest.approx((0.0, 3.0), rel=1e-12)
-
-
-def slowed(method, z, steps):
-    """v after the steps of v̇ = −(z/dt) v from v = 1, each method's formula written out."""
-    trapezoid = (1 - z / 2) / (1 + z / 2)
-    if method is fc.BDF2:  # 3/2 v₁ − 2 v₀ + ½ v₋ = −z v₁
-        v = [1.0, trapezoid]
-        for _ in range(steps - 1):
-            v.append((2 * v[-1] - v[-2] / 2) / (1.5 + z))
-        return v[-1]
-    if method is fc.GeneralizedAlpha:  # ρ∞ = ½: α_m = 0, α_f = 1/3, γ = 5/6; a is dt v̇
-        v, a = 1.0, -z
-        for _ in range(steps):
-            old, a0 = v, a
-            a = -z * (old + a0 / 9) / (1 + 5 / 9 * z)
-            v = old + a0 / 6 + 5 / 6 * a
-        return v
-    return (trapezoid if method().traits.order == 2 else 1 / (1 + z)) ** steps
-
-
-@pytest.mark.parametrize(("method", "mass"), in_turn([*METHODS.values()], MASSES))
-def test_mass_damping_momentum_factor_of_each_method(method, mass, sheet, isotropic):
-    """e^(−α t): (1 − α dt/2)/(1 + α dt/2) for midpoint, 1/(1 + α dt) for Euler."""
-    rate, dt, v = 3.0, 0.02, np.array([1.0, -2.0, 0.5])
-    system = fc.System(sheet, isotropic, [fc.StVK(), fc.MassDamping(rate)], mass=mass)
-    start = system.state(system.rest().x, np.tile(v, (len(sheet.X), 1)))
-    result = fc.run(system, method(), start, dt, 0.2, solver="direct", newton=TIGHT)
-    left = slowed(method, rate * dt, 10)
-    np.testing.assert_allclose(result.state.v, np.tile(left * v, (len(sheet.X), 1)), rtol=1e-8)
-    assert left == pytest.approx(
-        np.exp(-rate * 0.2), rel=1e-3 if method().traits.order == 2 else 0.03
-    )
-    lost = result.energies["dissipated:MassDamping"][-1] + result.energies["numerical"][-1]
-    kinetic = result.energies["kinetic"]
-    assert lost == pytest.approx(kinetic[0] - kinetic[-1], rel=1e-10)
 
 
 # --- point forces ---------------------------------------------------------------------------------

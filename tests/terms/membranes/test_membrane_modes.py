@@ -80,10 +80,10 @@ def test_frequencies_and_their_order(shape, pattern, mass, record_property):
     errors, sizes = [], []
     for cells in (10, 20, 40):
         system, state, size = stretched(shape, 1.0 / cells, pattern, mass)
-        found, u = modes(system, state)
+        computed, u = modes(system, state)
         assert abs(u[..., :2]).max() < 1e-6 * abs(u[..., 2]).max()  # all six lie across the plane
         sizes.append(size)
-        errors.append(found / exact(shape) - 1)
+        errors.append(computed / exact(shape) - 1)
     order = observed_order(sizes, np.linalg.norm(errors, axis=1))
     record_property("errors", errors[-1].tolist())
     print(f"{shape} {pattern} {mass}: orders {order.round(3)}, errors {errors[-1].round(5)}")
