@@ -163,16 +163,22 @@ def test_the_gallery_has_a_picture_and_the_commands_of_each_scene(pages):
     assert sorted(pictures) == sorted(2 * list(scenes))  # a thumbnail and a picture of each
 
 
-def test_the_package_index_can_follow_every_link(monkeypatch):
+def test_the_package_index_and_a_wheel_can_follow_every_link(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "docs" / "extensions")
-    text = import_module("absolute_links").absolute(read("README.md"), "https://host/repo")
-    links = re.findall(r"\]\(([^)]*)\)", text)
-    assert len(links) > 20
-    for link in links:
-        if not link.startswith("http") or link.startswith("https://host/repo/"):
-            path = re.sub(r"[?#].*", "", link.removeprefix("https://host/repo/"))
-            assert link.startswith("https://host/repo/"), link
-            assert (ROOT / path).exists(), link
+    links = import_module("absolute_links")
+    package = [file.relative_to(ROOT).as_posix() for file in ROOT.glob("fecloth/**/*.md")]
+    followed = 0
+    for page in ("README.md", *package):
+        text = links.absolute(read(page), "https://host/repo", page)
+        for image, _, name, _ in links.LINK.findall(text):
+            target = ((ROOT / page).parent / name).resolve()
+            assert not image, (page, name)
+            assert page != "README.md" or not target.exists(), name
+            assert not target.exists() or target.is_relative_to(ROOT / "fecloth"), (page, name)
+        for link in re.findall(r"\]\(https://host/repo/([^)?#]*)", text):
+            followed += 1
+            assert (ROOT / link).exists(), (page, link)
+    assert followed > 40
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from support import key_reference
 from support.commands import commands_of
 
 from fecloth.cli import main as cli
-from fecloth.output.frame_reader import FIELDS
+from fecloth.output.frame_reader import COMPONENTS
 from fecloth.scene.cloth_tables import Disk
 from fecloth.scene.json_schema import json_schema
 from fecloth.scene.scene import Scene
@@ -153,5 +153,4 @@ def test_info_prints_the_parameters_of_a_term(name, capsys):
 def test_the_fields_of_a_picture_are_those_of_frames():
     actions = commands_of(cli._parser())["render"]._actions
     field = next(action for action in actions if action.dest == "field")
-    names = ", ".join([*FIELDS, CHECKS])
-    assert field.help == f"one of {names}, or an array of the frames, as region"
+    assert field.help.endswith(f"; or {', '.join([*COMPONENTS, CHECKS])}")

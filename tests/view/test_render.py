@@ -1,6 +1,7 @@
 """fecloth render: pictures and movies without a display."""
 
 import os
+import re
 from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import pairwise
@@ -10,7 +11,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.output.frame_reader import Frame, Series, field_of, field_values
+from fecloth.output.frame_reader import Frame, Series, field_values, unit_of_field
 from fecloth.output.frames import Frames
 from fecloth.output.obstacle_frames import ObstacleFrames
 from fecloth.view.checker_pattern import material_coordinates, square_side
@@ -84,7 +85,7 @@ def test_the_squares_follow_the_material():
 def test_the_colours_are_the_field(draw):
     """At rest nothing is fast; the free edge is the fastest later: dark, and dark to bright."""
     rest, moving = (
-        imageio.imread(draw(f"{t}.png", "--time", t, "--field", "speed")).astype(int)
+        imageio.imread(draw(f"{t}.png", "--time", t, "--field", "velocity")).astype(int)
         for t in ("0", "0.1")
     )
     at_rest = rest[:200][cloth_of(rest)]
@@ -116,6 +117,9 @@ def test_two_fabrics_are_drawn_in_two_colours(two_fabrics, tmp_path):
     colours = image[:200][cloth_of(image)][:, :3]
     yellow = colours[:, 0] > colours[:, 2] + 40  # the ends of viridis are yellow and purple
     assert 0.3 < yellow.mean() < 0.7
+    assert main(["view", str(two_fabrics), "--no-open", "--field", "region"]) == 0
+    page = (two_fabrics / "view.html").read_text(encoding="utf-8")
+    assert re.findall(r'"title": "(\w+)"', page) == ["region"]
 
 
 @pytest.mark.parametrize("name", ["principal_stresses", "velocity", "held", "region"])
@@ -125,8 +129,8 @@ def test_each_array_of_the_frames_is_drawn(name, run, draw):
     values = field_values(frame, name)
     assert values.shape == (len(arrays[name]),)
     if name == "velocity":
-        assert np.allclose(values, field_values(frame, "speed"))
-        assert field_of(frame, name).unit == "m/s"
+        assert np.allclose(values, np.linalg.norm(arrays[name], axis=1))
+        assert unit_of_field(name) == "m/s"
     if name == "principal_stresses":
         assert np.allclose(values, field_values(frame, "larger_stress"))
     assert draw("a.png", "--field", name).is_file()
@@ -163,7 +167,9 @@ def test_picture_shows_its_time(time, told, draw, capsys):
     assert capsys.readouterr().out == f"wrote {target}: {told}\n"
 
 
-@pytest.mark.parametrize(("name", "meant"), [("sped", "speed"), ("check", "checks"), ("zz", "")])
+@pytest.mark.parametrize(
+    ("name", "meant"), [("velocit", "velocity"), ("chek", "checks"), ("zz", "")]
+)
 def test_an_unknown_field_is_a_mistake(name, meant, run, tmp_path, capsys):
     target = tmp_path / "a.png"
     assert main(["render", str(run), "-o", str(target), "--field", name]) == 2

@@ -59,7 +59,7 @@ def test_the_page_holds_the_motion_and_the_fields(run):
     shown = low + span * shorts(data["points"]).reshape(len(states), -1, 3) / 65535
     assert np.abs(shown - [state.x for state in states]).max() <= 0.51 * span.max() / 65535 + 1e-7
     assert [field["title"] for field in data["fields"]] == [
-        *("larger stretch", "smaller stretch", "speed", "displacement", "energy density")
+        *("larger_stretch", "smaller_stretch", "velocity", "displacement", "energy_density")
     ]
     speed = data["fields"][2]
     values = speed["low"] + (speed["high"] - speed["low"]) * shorts(speed["values"]) / 65535
@@ -121,7 +121,7 @@ def test_one_file_and_many_hold_the_same(tmp_path):
     assert a.times == b.times
     for i in (0, 3, 8):
         assert np.array_equal(a.read(i).cells, b.read(i).cells)
-        for name in ("larger_stretch", "speed", "height", "S11", "quality"):
+        for name in ("larger_stretch", "velocity", "height", "S11", "quality"):
             assert np.array_equal(*(field_values(s.read(i), name) for s in (a, b)))
 
 
@@ -204,7 +204,7 @@ def test_field_mouse_and_play(run, browser):
     page = Page(browser, run[0] / "view.html")
     page.slide(5)
     before = page.pixels()
-    page.page.locator(".field").select_option(label="speed")
+    page.page.locator(".field").select_option(label="velocity")
     coloured = page.pixels()
     assert (before != coloured).any(axis=2).mean() > 0.01
     assert "m/s" in page.page.locator(".legend").inner_text()
@@ -276,4 +276,4 @@ def test_the_page_holds_obstacles_once_for_each_place(tmp_path):
     assert points.mean(axis=0) == pytest.approx([0.3, 0.3, 0.5], abs=1e-5)
     assert data["ground"] < -0.4
     titles = [field["title"] for field in data["fields"]]
-    assert titles[-2:] == ["contact pressure", "slip"]
+    assert titles[-2:] == ["contact_pressure", "slip"]
