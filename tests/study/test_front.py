@@ -21,6 +21,15 @@ STUDIES = {
     "simplify": fc.study.simplify,
     "tune": fc.tune,
 }
+CALLS = {  # the positional arguments of each study, and its keywords
+    "converge": (("tip.x", "h", 3), {"ratio": 2.0}),
+    "compare": (("stiffness=40,20", "tip.x"), {}),
+    "sweep": (("stiffness=20:80:log:3", "tip.x"), {}),
+    "chart": (("tip.x",), {"meshes": 1}),
+    "simplify": (("20%", "tip.x"), {"repeats": 1}),
+    "tune": (("20 %", "tip.x"), {}),
+}
+COLUMNS = {"converge": "value", "chart": "error", "simplify": "change [%]", "tune": "error"}
 SCENE = """
 [cloth]
 shape = "rectangle"
@@ -58,6 +67,18 @@ def scene(tmp_path):
     file = tmp_path / "strip.toml"
     file.write_text(SCENE)
     return file
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_each_study_is_a_method(name, tmp_path):
+    (given, keywords), probes = CALLS[name], [fc.Probe("tip", "right")]
+    shared = {"h": 0.25, "probes": probes, "cache": tmp_path}
+    by_function = STUDIES[name](strip, *given, **keywords, **shared)
+    by_method = getattr(fc.study.of(strip, **shared), name)(*given, **keywords)
+    assert type(by_method) is type(by_function)
+    assert by_method.title == by_function.title == "strip"
+    column = COLUMNS.get(name, "tip.x")
+    np.testing.assert_array_equal(by_method.table[column][:2], by_function.table[column][:2])
 
 
 def test_one_study_answers_several_questions_and_reads_its_scene_once(scene, monkeypatch, capsys):
