@@ -39,6 +39,7 @@ ISOTROPIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio
 ORTHOTROPIC = fc.Fabric(0.15, (2000.0, 900.0), 0.2, shear_stiffness=60.0)
 BENDING = fc.Fabric(0.15, 1000.0, bending_rigidity=1e-5)
 TURN = fc.Rotation((0, 0, 0), (0, 0, 1), "t")
+FLOOR = fc.shapes.Plane((0, 0, -1), (0, 0, 1))
 SHEET = {"E": 2e5, "nu": 0.3, "thickness": 5e-4, "rho": 400.0}
 
 
