@@ -60,12 +60,12 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
 def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:
     """Return the sum (3,) of the residual (n, 3) that each pin group holds; changes `residual`.
 
-    Of a node that several pins hold each has an equal part.
+    Of a node that several pins hold each has its part, see `Constraints.shares`.
     """
     constraints = system.constraints
     residual[constraints.nodes] = constraints.held_part(residual)
     return {
-        name: (constraints.shares[name] * residual[nodes]).sum(axis=0)
+        name: np.einsum("kij,kj->i", constraints.shares[name], residual[nodes])
         for name, (_, nodes) in constraints.groups.items()
     }
 

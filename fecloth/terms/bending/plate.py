@@ -88,6 +88,8 @@ class PlateBending:
         plate = bind_angles(panel, slots, "PlateBending")
         rest = fold_measure(rest_angles(self.rest, panel))
         of_clamps = np.zeros(len(plate.held))
+        if self.rest == "start":
+            of_clamps = plate.measures(panel.start, 0.0)[len(rest) :]
         return BoundPlate(plate, rest=np.append(rest, of_clamps), panel=panel)
 
 
