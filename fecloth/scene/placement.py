@@ -158,7 +158,8 @@ class PinTable(Table):
     normal: Vector | None = None
     """The nodes slide in the plane across this vector."""
     clamp: bool = False
-    """Hold also the normal of the cloth along the edges of the boundary that the pin covers."""
+    """Hold also the normal of the cloth along the edges of the boundary that the pin covers; with
+    `normal`, at a right angle to the plane: a plane of symmetry."""
     rotate: RotationTable | None = None
     """Turn the nodes, and the normals of a clamp: a table, see below."""
     without: str | tuple[str, ...] | None = None
