@@ -81,6 +81,12 @@ class Start(Table):
         return self
 
     @property
+    def places(self) -> list[str]:
+        """The keys that are given but for a disturbance."""
+        given = self.model_dump(exclude_none=True, exclude={"disturb", "mode", "amplitude"})
+        return list(given)
+
+    @property
     def is_disturbed(self) -> bool:
         """Whether waves or a mode bend the start."""
         return bool(self.disturb or self.mode)
