@@ -24,6 +24,7 @@ from fecloth.system.system import System
 from fecloth.terms.kinematics import deformation_gradient, green_strains
 
 COMPONENTS = ("xx", "yy", "xy")
+LEAST_STRETCH = 0.1
 _nodal_places: WeakKeyDictionary[Panel, Places] = WeakKeyDictionary()
 
 
@@ -79,11 +80,12 @@ def _gradient_of(E: np.ndarray) -> np.ndarray:
     """Return a deformation gradient (r, 3, 2) of strains E11, E22, E12 (r, 3).
 
     It is the upper triangle U with UᵀU = I + 2E (Cholesky); its turn in space has no stress.
+    Polynomials overshoot where a cloth is rough: no stretch is less than `LEAST_STRETCH`.
     """
     F = np.zeros((len(E), 3, 2))
-    F[:, 0, 0] = np.sqrt(1 + 2 * E[:, 0])
+    F[:, 0, 0] = np.sqrt(np.maximum(1 + 2 * E[:, 0], LEAST_STRETCH**2))
     F[:, 0, 1] = 2 * E[:, 2] / F[:, 0, 0]
-    F[:, 1, 1] = np.sqrt(1 + 2 * E[:, 1] - F[:, 0, 1] ** 2)
+    F[:, 1, 1] = np.sqrt(np.maximum(1 + 2 * E[:, 1] - F[:, 0, 1] ** 2, LEAST_STRETCH**2))
     return F
 
 
