@@ -111,21 +111,21 @@ class Constraints:
     ) -> Self:
         """The constraints of pins on their nodes, by name; see `bind`."""
         held = np.concatenate([nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)])
-        nodes, first, times = np.unique(held, return_index=True, return_counts=True)
+        nodes, first, node, times = np.unique(
+            held, return_index=True, return_inverse=True, return_counts=True
+        )
+        meet = times > 1
         if check:
-            _refuse_conflicts(groups, nodes[times > 1], cloth)
-        projectors = np.zeros((len(held), 3, 3))
-        held_by_all = np.zeros((len(nodes), 3, 3))  # Σ (I − P) of the pins of a node
-        begin = 0
-        for pin, its_nodes in groups.values():
-            projectors[begin : begin + len(its_nodes)] = pin.projector
-            held_by_all[np.searchsorted(nodes, its_nodes)] += np.eye(3) - pin.projector
-            begin += len(its_nodes)
-        projectors = projectors[first]
-        for i in np.flatnonzero(times > 1):  # free is what all pins leave free: the null space
-            values, vectors = np.linalg.eigh(held_by_all[i])
-            free = vectors[:, values < 1e-9]
-            projectors[i] = free @ free.T
+            _refuse_conflicts(groups, nodes[meet], cloth)
+        each = [np.tile(pin.projector, (len(own), 1, 1)) for pin, own in groups.values()]
+        P = np.concatenate([np.zeros((0, 3, 3)), *each])
+        projectors = P[first]
+        # where pins meet, the null space of Σ (I − P) is free
+        H = np.zeros_like(projectors)
+        np.add.at(H, node, np.eye(3) - P)
+        values, vectors = np.linalg.eigh(H[meet])
+        free = vectors * (values < 1e-9)[:, None]
+        projectors[meet] = free @ free.swapaxes(1, 2)
         return cls(groups, nodes, projectors)
 
     @cached_property
@@ -236,21 +236,6 @@ class Constraints:
             groups.append(_MovedGroup(pin, nodes[is_own]))
         return groups
 
-    @cached_property
-    def shares(self) -> dict[str, np.ndarray]:
-        """By name, the matrices (k, 3, 3) from the force that holds a node to the part of a pin.
-
-        With its held directions H = I − P, and the sum of H over the pins of the node, the part
-        is H (Σ H)⁺: of a force in these directions the parts add up to the force.
-        """
-        total = np.zeros((self.nodes.max(initial=-1) + 1, 3, 3))
-        for pin, nodes in self.groups.values():
-            total[nodes] += np.eye(3) - pin.projector
-        return {
-            name: (np.eye(3) - pin.projector) @ np.linalg.pinv(total[nodes], rcond=1e-9)
-            for name, (pin, nodes) in self.groups.items()
-        }
-
     def free(self, n: int) -> np.ndarray:
         """Return the numbers 3 i + c of the free degrees of freedom of a cloth of n nodes.
 
@@ -312,9 +297,9 @@ def _refuse_conflicts(
         what = f"pins {first!r} and {second!r} both hold node {both[0]} at ({X:.6g}, {Y:.6g}) m"
         allowed = "pins that meet and move must hold in the same directions and move alike"
         ways = [
-            f'without = "{groups[name][0].where}" in the pin {other!r}'
-            for name, other in ((first, second), (second, first))
-            if isinstance(groups[name][0].where, str)
+            f'without = "{pin.where}" in the pin {other!r}'
+            for pin, other in ((groups[first][0], second), (groups[second][0], first))
+            if isinstance(pin.where, str)
         ]
         words = f": write {', or '.join(ways)}" if ways else ""
         remedy = f"Leave it out of one of them{words}."
