@@ -159,59 +159,6 @@ def test_auto_uses_a_factorisation_that_serves_many_steps(load, changes, monkeyp
     assert (set(names) == {"pcg"}) != changes
 
 
-def solves_before_factors(analysis, solve):
-    """Solves of 98 iterations and tangents, before a factorisation is tried."""
-    few = factor_prices("direct", load=0.0, analysis=analysis, factor=0.0, solve=solve)
-    return steps(auto(fast=few), middle(), 80).index(select.direct().name)
-
-
-def test_auto_spreads_a_set_up_over_the_solves_so_far():
-    """A solve with a factor costs 55 of 98 iterations: a large set-up pays after 50 solves."""
-    assert solves_before_factors(0.0, solve=50.0) == 1
-    assert solves_before_factors(600.0, solve=50.0) == 1  # a run takes 20 solves at least
-    assert 20 < solves_before_factors(900.0, solve=50.0) < 40
-    assert 40 < solves_before_factors(2000.0, solve=50.0) < 70
-
-
-def test_auto_changes_its_solver_where_a_twentieth_is_gained():
-    assert solves_before_factors(0.0, solve=86.0) == 1  # 91 of 98 iterations
-    assert solves_before_factors(0.0, solve=92.0) > 5  # 97 of 98, until the estimate has fallen
-
-
-def test_the_average_of_a_solver_follows_its_solves():
-    solver = auto()
-    steps(solver, easy(), 40)
-    average = solver._average["pcg"]
-    steps(solver, middle(), 1)
-    work = 89 + prices().tangent + prices().residual
-    moved = (solver._average["pcg"] - average) / (work - average)
-    assert moved == pytest.approx(1 / 20, rel=0.05)
-
-
-def test_the_averages_of_the_other_solvers_fall_by_half_in_350_solves():
-    solver = auto()
-    before = solver._average["multigrid"]
-    steps(solver, easy(), 35)
-    assert solver._average["multigrid"] / before == pytest.approx(0.5**0.1, rel=1e-2)
-
-
-def test_the_work_of_multigrid_and_of_a_factorisation_is_estimated():
-    solver = auto()
-    assert solver.estimate("multigrid") == 8.0 + 2.0 + 1.0 + 10 * 200.0
-    assert solver.estimate("direct") == pytest.approx(0.45 * (8.0 + 95.0) + 20.0 + 1.0)
-
-
-def test_auto_gives_a_solve_up_after_twice_the_work_of_another(monkeypatch):
-    """A tangent and a solve cost 61 on average: 270 iterations are not waited for."""
-    allowed, solve = [], select.PCG.solve
-    monkeypatch.setattr(
-        select.PCG, "solve", lambda self, *a: allowed.append(self.max_iterations) or solve(self, *a)
-    )
-    sure = factor_prices("direct", load=0.0, analysis=0.0, factor=0.0, solve=56.0)
-    steps(auto(fast=sure), hard(), 1)
-    assert allowed == [pytest.approx(2 * (0.45 * 8 + 1 + 56), abs=1)]
-
-
 @pytest.mark.parametrize(("ratio", "is_reset"), [(3.2, False), (5.0, True)])
 def test_auto_begins_anew_if_the_step_changes_by_two(ratio, is_reset):
     for wx in (ratio, 1 / ratio):

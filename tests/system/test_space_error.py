@@ -180,10 +180,3 @@ def test_folds_that_the_mesh_resolves_or_that_do_not_matter_are_none():
     assert roughness(cloth, fc.hinge_angles(cloth, wave)) < 0.4
     cloth, x = folded(16, 1, height=0.01)
     assert not folds_at_mesh_size(cloth, x)
-
-
-def test_an_error_above_a_half_is_not_resolved():
-    cloth = square("cross", 4)
-    noise = np.random.default_rng(0).normal(0, 0.01, cloth.X.shape)
-    x = np.column_stack([cloth.X + noise, np.zeros(len(noise))])
-    assert error_of(fc.StVK(), x=x, cloth=cloth).reason.startswith("it is above 50 %")

@@ -11,7 +11,6 @@ from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.errors import FeclothWarning, InputError
-from fecloth.simulation.beyond_curve import LEAST_AREA, doubt_curve
 from fecloth.terms.membranes.curves import LEAST_END_SLOPE, Curve
 from fecloth.terms.membranes.table import law
 
@@ -121,14 +120,6 @@ def test_straight_curves_are_stvk(element, rng):
 
 
 # --- what a user may give -------------------------------------------------------------------------
-
-
-def test_stiffnesses_between_the_points_add_up_to_forces():
-    table = fc.MembraneTable({"stretch": [1.1, 1.3], "stiffness [N/m]": [50.0, 200.0]})
-    S = 50 * 0.105, 50 * 0.105 + 200 * (0.345 - 0.105)
-    np.testing.assert_allclose(table.warp, [(1, 0), (1.1, 1.1 * S[0]), (1.3, 1.3 * S[1])])
-    shear = fc.MembraneTable(shear={"angle": [0.2, 0.5], "stiffness": [9.0, 9.0]}).shear
-    np.testing.assert_allclose(shear[2], (0.5, 9 * np.sin(0.5) * np.cos(0.5)))
 
 
 @pytest.mark.parametrize("linearity", [0.5, 0.8, 1.0, 1.1])
@@ -247,11 +238,6 @@ def test_a_run_counts_area_and_time_beyond_a_curve(element):
         result = fc.run(system, fc.BackwardEuler(), system.rest(), dt=0.05, t_end=1.0)
     answer = result.figures["beyond_curve"]
     assert answer["area"] == pytest.approx(0.25, abs=0.03)
-
-
-def test_less_than_a_thousandth_of_the_area_is_no_warning():
-    assert not doubt_curve(0.8 * LEAST_AREA)
-    assert doubt_curve(1.25 * LEAST_AREA)
 
 
 # --- in scenes, studies and runs ------------------------------------------------------------------
