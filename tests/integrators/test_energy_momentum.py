@@ -57,26 +57,6 @@ def test_work_between_two_states_is_the_change_of_the_energy(term, cloth, rng):
         assert abs(np.vdot(at_mean, end - start) + change) > 1e-4 * abs(change)
 
 
-@pytest.mark.parametrize("term", TERMS, ids=repr)
-def test_no_resultant_and_no_moment(term, cloth, rng):
-    system, start, end = step_of(cloth, term, rng)
-    mean = (start + end) / 2
-    f = over_step(system, start).force(system.state(mean))
-    size = np.abs(f).sum()
-    assert np.linalg.norm(f.sum(axis=0)) < 1e-13 * size
-    assert np.linalg.norm(np.cross(mean, f).sum(axis=0)) < 1e-13 * size
-
-
-@pytest.mark.parametrize("term", TERMS, ids=repr)
-def test_a_step_that_goes_nowhere_has_the_force_of_its_state(term, cloth, rng):
-    system, start, _ = step_of(cloth, term, rng)
-    over = over_step(system, start)
-    at = system.state(start)
-    np.testing.assert_allclose(over.force(at), system.force(at), rtol=0, atol=1e-10)
-    K = system.stiffness(at)
-    assert abs(over.stiffness(at) - K).max() < 1e-12 * abs(K).max()
-
-
 @pytest.mark.parametrize("term", EXACT_TANGENT, ids=repr)
 def test_tangent_is_the_derivative_of_the_force(term, cloth, rng):
     """Central differences: the error falls with the square of their step."""

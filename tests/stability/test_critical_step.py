@@ -6,7 +6,6 @@ from conftest import affine
 from scipy.linalg import eigh
 
 import fecloth as fc
-from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.stability import (
     critical_dt,
     critical_step,
@@ -120,17 +119,6 @@ def test_system_without_stiffness_has_no_step_limit(sheet, isotropic):
 
 
 # --- names, forward Euler, Newmark's limit --------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", [*METHODS, *EXPLICIT])
-def test_a_method_its_class_and_its_name_are_the_same(name, small, isotropic):
-    system = fc.System(small, isotropic, [fc.StVK(), fc.StrainRateDamping(1e-3)], pins=["left"])
-    kind = {**METHODS, **EXPLICIT}[name]
-    state = system.state(affine(small, [[1.1, 0.0], [0.0, 1.05], [0.0, 0.0]]))
-    computed = {critical_dt(system, state, method) for method in (name, kind, kind())}
-    assert len(computed) == 1
-    assert (computed == {np.inf}) == (name in METHODS)  # with their own parameters all are A-stable
-    assert element_bound(system, name) == element_bound(system, kind())
 
 
 def first_order(K, D, M):

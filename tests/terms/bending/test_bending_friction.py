@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from support.plates import PATTERNS, rolled, square
 from support.tiers import in_turn, stories_except
 
@@ -18,15 +17,6 @@ B, HB = 2e-5, 3e-4  # N m, N
 def fabric(hysteresis=2 * HB, rigidity=B, **given):
     given = {"areal_density": 0.1, "tensile_stiffness": 200.0} | given
     return fc.Fabric(**given, bending_rigidity=rigidity, bending_hysteresis=hysteresis)
-
-
-def follow(bound, states):
-    """The bound term over each step between positions x (n, 3), from the record of the first."""
-    record = bound.start_history(states[0], 0.0)
-    for start, x in pairwise(states):
-        over = bound.over_step(StepDifference(start, 1.0, 1.0, ((1.0, start),), history=record))
-        record = over.commit(x, 0.0)
-        yield over, bound.with_history(record), x
 
 
 # --- the law alone --------------------------------------------------------------------------------
@@ -175,33 +165,6 @@ def test_force_and_tangent_are_derivatives_of_the_energy(pattern, element, part)
         change = (system.force(plus) - system.force(minus)) / (2 * step)
         errors.append([work + np.sum(f * d), np.abs(change + (K @ d.ravel()).reshape(-1, 3)).max()])
     assert np.abs(np.divide(*errors)) == pytest.approx([16, 16], rel=0.3)
-
-
-def bent_state(cloth):
-    X, Y = cloth.X.T
-    return np.column_stack([X, Y, 0.1 * np.sin(3 * X + Y) + 0.1 * X * Y])
-
-
-@pytest.mark.parametrize("element", ["P1", "P2"])
-def test_nothing_depends_on_the_frame(element):
-    cloth = square("unstructured", 4, element)
-    system = fc.System(cloth, fabric((2 * HB, HB)), [fc.BendingFriction()], grain=0.3)
-    R = Rotation.from_rotvec([0.5, -1.0, 0.25]).as_matrix()
-    flat = system.rest().x
-    states = [flat, 0.3 * bent_state(cloth) + 0.7 * flat, bent_state(cloth)]
-    ours = list(follow(system.bound[0], states))[-1]
-    theirs = list(follow(system.bound[0], [x @ R.T + [1, 2, 3] for x in states]))[-1]
-    assert theirs[0].dissipation(theirs[2]) == pytest.approx(ours[0].dissipation(ours[2]), 1e-11)
-    assert ours[0].dissipation(ours[2]) > 0
-    f, g = np.zeros((2, *flat.shape))
-    ours[1].add_force(ours[2], 0 * flat, 0.0, f)
-    theirs[1].add_force(theirs[2], 0 * flat, 0.0, g)
-    assert g == pytest.approx(f @ R.T, abs=1e-11 * np.abs(f).max())
-    assert np.abs(f.sum(axis=0)).max() < 1e-12 * np.abs(f).sum()
-    assert np.abs(np.cross(ours[2], f).sum(axis=0)).max() < 1e-12 * np.abs(f).sum()
-
-
-# --- what it must refuse --------------------------------------------------------------------------
 
 
 # --- at rest --------------------------------------------------------------------------------------

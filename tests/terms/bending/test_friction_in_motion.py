@@ -123,13 +123,6 @@ def scene(hysteresis=2 * HB, **static):
     return Scene.model_validate({**SCENE, "fabric": fabric, "equilibrium": static})
 
 
-@pytest.mark.parametrize(("given", "taken"), [(None, 20), (5, 20), (19, 20), (25, 25)])
-def test_a_scene_takes_at_least_twenty_load_steps(given, taken):
-    static = {} if given is None else {"load_steps": given}
-    assert scene(**static).schedule.steps().load_steps == taken
-    assert scene(0.0, **static).schedule.steps().load_steps == (given or 1)
-
-
 @pytest.mark.stories
 def test_a_scene_is_laid_or_shaken(tmp_path):
     system = strip()
