@@ -27,6 +27,7 @@ LARGEST_NEGATIVE_EIGENVALUE = 1e-6
 WHERE = "uncertainty"
 PART = re.compile(r"(\d+\.?\d*(?:[eE][-+]?\d+)?)\s*%")
 UNKNOWN = "unknown"  # in place of an uncertainty that nobody knows; it is not 0
+COVERS = 2.0  # standard uncertainties cover 95 % of a normal distribution
 OF_CURVES = ("specimen", "law")  # relative standard uncertainties of whole curves
 
 
@@ -81,7 +82,7 @@ class Uncertainty:
             raise InputError(f"source = {brief(source)}", "must be a text", WHERE)
         of_curves = {key: relative(key, by_key.pop(key, 0.0), WHERE) for key in OF_CURVES}
         deviations = tuple((key, _deviation(key, value)) for key, value in by_key.items())
-        rows = _correlations(correlation, dict(deviations))
+        rows = correlations(correlation, dict(deviations))
         return cls(deviations, correlation=rows, source=source, **of_curves)
 
     def table(self) -> dict[str, Any]:
@@ -123,21 +124,39 @@ class Uncertainty:
         the matrix ρ has a negative eigenvalue.
         """
         standard = self.standard(fabric)
-        place = {name: i for i, name in enumerate(standard)}
-        rho = np.eye(len(place))
-        for *pair, value in self.correlation:
-            # Lists of numbers: a key of a pair (warp, weft) correlates both.
-            i, j = ([place[name] for name in _number_names(key, place)] for key in pair)
-            rho[np.ix_(i, j)] = rho[np.ix_(j, i)] = value
-        if len(rho) and (least := np.linalg.eigvalsh(rho)[0]) < -LARGEST_NEGATIVE_EIGENVALUE:
-            what = f"correlation: the least eigenvalue of its matrix is {least:.3g}"
-            remedy = "Correlations contradict each other: make them smaller."
-            raise InputError(what, "must be at least 0", WHERE, remedy)
-        if keys is None:
-            keys = standard
-        rows = [place[name] for key in keys for name in _number_names(key, place)]
-        u = np.array(list(standard.values()))[rows]
-        return rho[np.ix_(rows, rows)] * np.outer(u, u)
+        rows = [
+            place
+            for key in (standard if keys is None else keys)
+            for place in _places(key, list(standard))
+        ]
+        return covariance_of(standard, self.correlation)[np.ix_(rows, rows)]
+
+
+def covariance_of(
+    deviations: Mapping[str, float], correlation: Iterable[tuple[str, str, float]]
+) -> np.ndarray:
+    """Return the covariance (k, k) of k numbers: ρ_ij u_i u_j, with 0 for pairs without a row.
+
+    A row of `correlation` is (key, key, ρ), where the key of a pair stands for both numbers.
+    Raises `InputError` for a key without a deviation, and for correlations that contradict each
+    other: then the matrix ρ has a negative eigenvalue.
+    """
+    names = list(deviations)
+    rho = np.eye(len(names))
+    for *pair, value in correlation:
+        i, j = (_places(key, names) for key in pair)
+        rho[np.ix_(i, j)] = rho[np.ix_(j, i)] = value
+    if len(rho) and (least := np.linalg.eigvalsh(rho)[0]) < -LARGEST_NEGATIVE_EIGENVALUE:
+        what = f"correlation: the least eigenvalue of its matrix is {least:.3g}"
+        remedy = "Correlations contradict each other: make them smaller."
+        raise InputError(what, "must be at least 0", WHERE, remedy)
+    u = np.array(list(deviations.values()))
+    return rho * np.outer(u, u)
+
+
+def _places(key: str, names: list[str]) -> list[int]:
+    """Return the places of a key, or of both numbers of a pair, among the names."""
+    return [names.index(name) for name in _number_names(key, dict.fromkeys(names))]
 
 
 def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
@@ -242,7 +261,7 @@ def part_of(value: float, uncertainty: Any, name: str, where: str = "") -> Any:
     return float(part[1]) / 100 * abs(value)
 
 
-def _correlations(
+def correlations(
     correlation: Any, deviations: Mapping[str, Any]
 ) -> tuple[tuple[str, str, float], ...]:
     """Return the rows (key, key, number) of the entry `correlation` of a table.

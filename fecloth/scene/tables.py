@@ -153,7 +153,8 @@ class Shorthands(BaseModel, use_attribute_docstrings=True):
     preset: str | None = None
     """Name of a published fabric, which gives the constants that are left out."""
     file: str | None = None
-    """A TOML file beside the scene whose table [fabric] gives the constants that are left out."""
+    """A TOML file beside the scene whose [fabric] gives the constants that are left out, and whose
+    [[terms]] what terms of these types leave out."""
     kes: dict | None = None
     """What a KES-F instrument prints; see `fecloth/fabric/README.md`."""
     fast: dict | None = None

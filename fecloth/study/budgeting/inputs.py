@@ -6,11 +6,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from fecloth.errors import InputError, brief, is_number
 from fecloth.fabric.fabric import Fabric
-from fecloth.fabric.uncertainty import OF_CURVES, Uncertainty, merged, part_of
+from fecloth.fabric.uncertainty import (
+    OF_CURVES,
+    UNKNOWN,
+    Uncertainty,
+    correlations,
+    covariance_of,
+    merged,
+    part_of,
+)
 from fecloth.quantities.units import is_quantity
 from fecloth.scene.toml_text import flatten_tables
 from fecloth.study.constants_read import numbers_read
@@ -93,7 +100,8 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
     """Return the uncertain numbers of a problem, with their covariance and the disturbed starts.
 
     They stand in [fabric.uncertainty] of each fabric, and in `uncertain`: its keys are names of
-    numbers and "start", its values standard uncertainties and the number of starts. An entry of
+    numbers, "start" and "correlation", its values standard uncertainties or "unknown", the number
+    of starts, and a list of [name, name, number from -1 to 1]. An entry of
     `uncertain` replaces the same entry of [fabric.uncertainty]. A key that stands for several
     numbers, such as a pair, gives the uncertainty to each of them that is not 0. Numbers with
     the uncertainty 0 are left out.
@@ -109,50 +117,52 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
     if not (type(starts) is int and 0 <= starts <= MOST_STARTS and starts != 1):
         allowed = f"must be a number of disturbed starts from 2 to {MOST_STARTS}, or 0"
         raise InputError(f"start = {brief(starts)}", allowed, WHERE)
+    given = uncertainties.pop("correlation", ())
+    correlation = list[tuple[str, str, float]]()
     numbers = dict(problem.source.numbers())  # values by name
-    names = list[str]()
-    covariances = [np.zeros((0, 0))]  # numbers of different blocks are independent
-    known = set[str]()
+    standard = dict[str, float]()  # standard uncertainties by name
+    unknown = list[str]()
     of_curves = dict.fromkeys(OF_CURVES, 0.0)
     for prefix, fabric in problem.source.fabrics.items():
         keys = [key for key in uncertainties if key.startswith(f"{prefix}.")]
         replaced = {key.removeprefix(f"{prefix}."): uncertainties.pop(key) for key in keys}
         try:
-            uncertainty_of_fabric = _read_fabric(fabric, replaced)
-            standard = uncertainty_of_fabric.standard(fabric)
-            constants = [key for key, u in standard.items() if u]
-            covariance = uncertainty_of_fabric.covariance(fabric, constants)
+            own = _read_fabric(fabric, replaced)
+            of_fabric = own.standard(fabric)
+            covariance_of(of_fabric, own.correlation)  # refuses what is contradictory
         except InputError as error:
             what = f"{prefix}.{error.what}"
             raise InputError(what, error.allowed, WHERE, error.remedy) from None
-        names += [f"{prefix}.{key}" for key in constants]
-        covariances.append(covariance)
-        known |= {f"{prefix}.{key}" for key in standard}
+        standard |= {f"{prefix}.{key}": u for key, u in of_fabric.items()}
+        correlation += [(f"{prefix}.{a}", f"{prefix}.{b}", rho) for a, b, rho in own.correlation]
         for key in OF_CURVES:
-            of_curves[key] = max(of_curves[key], getattr(uncertainty_of_fabric, key))
+            of_curves[key] = max(of_curves[key], getattr(own, key))
     for key, uncertainty in uncertainties.items():
         items = [name for name in numbers if name.startswith(f"{key}.") and numbers[name]]
-        known |= {key, *items}
         for name in items or [key]:
-            if name not in numbers:
-                names.append(name)  # `choose_parameters` refuses it below
-                covariances.append(np.ones((1, 1)))
-            elif u := _read_deviation(problem, name, uncertainty, numbers[name]):
-                names.append(name)
-                covariances.append(np.array([[u * u]]))
-    V = block_diag(*covariances)
+            if uncertainty == UNKNOWN and name in numbers:
+                unknown.append(name)
+            elif name in numbers:
+                standard[name] = _read_deviation(problem, name, uncertainty, numbers[name])
+            else:
+                standard[name] = 1.0  # `choose_parameters` refuses it below
+    V = covariance_of(standard, [*correlation, *correlations(given, standard)])
+    known = set(standard)
+    kept = [i for i, u in enumerate(standard.values()) if u]
+    names = [list(standard)[i] for i in kept]
+    V = V[np.ix_(kept, kept)]
     deviations = dict(zip(names, np.sqrt(np.diag(V)).tolist(), strict=True))
     # a number that is 0 has no size: its deviation says by how much it is changed
     scales = {name: u for name, u in deviations.items() if not numbers.get(name, 1.0)}
     parameters = choose_parameters(problem, names, scales) if names else ()
-    unknown = tuple(name for name in numbers_read(problem) if name not in known)
+    unknown += [name for name in numbers_read(problem) if name not in known]
     of_fabrics = tuple(f"{prefix}." for prefix in problem.source.fabrics)
     exact = tuple(
         name
         for name, value in numbers.items()
-        if value and name not in known and not name.startswith(of_fabrics)
+        if value and name not in {*known, *unknown} and not name.startswith(of_fabrics)
     )
-    return Inputs(parameters, V, starts, unknown, exact, **of_curves)
+    return Inputs(parameters, V, starts, tuple(unknown), exact, **of_curves)
 
 
 def _read_fabric(fabric: Fabric, replaced: Mapping[str, Any]) -> Uncertainty:

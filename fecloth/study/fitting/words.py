@@ -211,3 +211,30 @@ def describe_fit(fitting: Fitting, end: Evaluation, facts: Statistics) -> str:
     else:
         misfit = "as many unknowns as points: no misfit is known"
     return f"{constants} fitted to {points} of {experiments}: {misfit}"
+
+
+def describe_held(fitting: Fitting) -> Iterator[str]:
+    """Yield a sentence with the constants of the fabrics that were not sought, and their values.
+
+    There is none if all were sought. A constant that differs between the specimens has several
+    values; constants that are 0 are left out.
+    """
+    held_values: dict[str, dict[str, None]] = {}  # by constant: texts, each once, in their order
+    for specimen in fitting.specimens:
+        for name, value in specimen.problem.source.numbers():
+            # the unknown may be a pair, whose numbers end with .0 and .1
+            is_sought = name in specimen.names or name.rpartition(".")[0] in specimen.names
+            if name.startswith("fabric.") and value and not is_sought:
+                texts = held_values.setdefault(name.removeprefix("fabric."), {})
+                texts[f"{value:.4g}"] = None
+    if held_values:
+        items = [f"{name} = {' and '.join(texts)}" for name, texts in held_values.items()]
+        yield f"taken as given, and not measured: {', '.join(items)}"
+
+
+def describe_assumed(end: Evaluation) -> Iterator[str]:
+    """For which experiments nobody states an uncertainty."""
+    if names := {column.label for column in end.fitted if column.points.is_assumed}:
+        share = in_percent(ASSUMED_SIGMA)
+        listed = ", ".join(sorted(names))
+        yield f"{listed}: no sigma is given, so {share} of the largest value is assumed"
