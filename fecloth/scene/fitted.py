@@ -51,7 +51,7 @@ def _renamed(
     """
 
     def new_name(name: str) -> str:
-        if name.startswith("fabric."):
+        if name == "slack" or name.startswith("fabric."):
             return name
         of_key = [prefix for prefix in prefixes if f"{name}.".startswith(f"{prefix}.")]
         return prefixes[of_key[0]] + name.removeprefix(of_key[0]) if of_key else ""

@@ -103,6 +103,26 @@ def test_input_by_its_closed_form():
     assert not answer.agrees
 
 
+def test_a_slack_counts_by_the_slope_of_its_quantity(tmp_path):
+    """The force at 15 mm after 5 mm of slack has the slope of the one at 10 mm."""
+    pins = (
+        '[{ where = "left" }, { where = "right", name = "grip", motion = ["0.02 * t", "0", "0"] }]'
+    )
+    text = SCENE.replace('[{ where = "left" }]', pins).replace('"tip"', '"grip"')
+    text = text.replace("equilibrium = {}", "equilibrium = { load_steps = 20 }")
+    text = text.replace("[9.81, 0.0, 0.0]", "[0.0, 0.0, 0.0]").replace("tip.x", "grip.x")
+    place = "reaction.grip.x at grip.x = 15 mm after 5 mm"
+    known = {"slack": "0.1 mm", "fabric.tensile_stiffness": "2 %", "fabric.poisson_ratio": 0.01}
+    answer = fc.budget(scene_at(tmp_path, "", text), known, None, place)
+    value = 0.5 * force(2000.0, 0.01)
+    assert answer.value == pytest.approx(value, rel=1e-3)
+    by_slack = 0.25 * 2000.0 * (3 * 1.01**2 - 1) / 2 * 1e-4
+    assert answer.input == pytest.approx(math.hypot(0.02 * value, by_slack), rel=2e-2)
+    assert dict(zip(answer.parameters, answer.shares[0], strict=True))["slack"] == pytest.approx(
+        by_slack**2, rel=2e-2
+    )
+
+
 @pytest.mark.parametrize(("rho", "parts"), [(1, 0.0), (-1, 2.0)])
 def test_correlated_inputs_add_or_cancel(tmp_path, rho, parts):
     """The stretch is as ρ/Y: (u/q)² = 0.05² (1 + 1 − 2 ρ)."""

@@ -95,8 +95,9 @@ def budget(
     uncertain
         Standard uncertainties by the names of numbers, as for `sensitivity`: a percentage as
         "10 %", a number in SI or, of a scene, a text with a unit; ``"start": 5`` for five
-        disturbed starts. The numbers of a fabric have theirs from its [fabric.uncertainty],
-        with correlations; entries here replace them. By default the table [uncertain] of a
+        disturbed starts; ``"slack": "0.1 mm"`` of specimens, for quantities at a place. The
+        numbers of a fabric have theirs from its [fabric.uncertainty], with correlations;
+        entries here replace them. By default the table [uncertain] of a
         scene.
     measured
         (value, standard uncertainty) by quantity. By default the table [measured] of a scene.
@@ -158,6 +159,13 @@ def budget(
     work = Work(study, quantities)
     parts, first_values, remarks_on_states = work.numerical()
     parts["input"], shares, remarks_on_input = work.input(inputs, samples, seed)
+    names = inputs.names
+    if inputs.slack:
+        of_slack = work.slack(inputs.slack)
+        parts["input"] = np.hypot(parts["input"], of_slack)
+        names = [*names, "slack"]
+        if shares.size or not inputs.names:
+            shares = np.column_stack([shares.reshape(len(quantities), -1), of_slack**2])
     change = np.abs(parts["value"] - work.values_at_start())
     parts["specimen"] = inputs.specimen * change
     parts["law"] = inputs.law * change
@@ -168,7 +176,7 @@ def budget(
         quantities=quantities,
         values_and_parts=parts,
         measured=data,
-        parameters=inputs.names,
+        parameters=names,
         shares=shares,
         is_single=is_single,
         unknown=inputs.unknown,
@@ -413,6 +421,19 @@ class Work:
         allowed = PART_OFF_FIRST_ORDER * u + PART_LEFT_BY_SOLVER * abs(values)
         # False where a value is NaN
         return np.asarray(np.maximum(off_plus, off_minus) <= allowed)
+
+    def slack(self, u: float) -> np.ndarray:
+        """(quantities,) uncertainty by a slack with the standard uncertainty `u` [m].
+
+        It is half of the difference of the values with u more and u less slack. A slack moves
+        the place of a quantity such as "reaction.grip.x at grip.x = 10 mm", and nothing else.
+        """
+        ends = []
+        for change in (-u, u):
+            moved = [replace(q, slack=q.slack + change * bool(q.place)) for q in self.quantities]
+            (values,), _ = replace(self, quantities=moved).run([("the problem", {})])
+            ends.append(values)
+        return np.asarray(abs(ends[1] - ends[0]) / 2)
 
     def starts(self, count: int, seed: int) -> tuple[np.ndarray | float, list[str]]:
         """The uncertainty by disturbed starts, and what was lost."""

@@ -18,7 +18,7 @@ from fecloth.fabric.uncertainty import (
     merged,
     part_of,
 )
-from fecloth.quantities.units import is_quantity
+from fecloth.quantities.units import LENGTH, is_quantity, quantity
 from fecloth.scene.toml_text import flatten_tables
 from fecloth.study.constants_read import numbers_read
 from fecloth.study.parameters import Parameter, choose_parameters
@@ -41,6 +41,8 @@ class Inputs:
         (k, k) covariance of their values.
     starts
         Number of disturbed starts.
+    slack
+        Standard uncertainty of the slack of a specimen, of quantities at a place of a grip.
     unknown
         Names of the constants of fabrics that the terms read, but whose uncertainty is not known.
     exact
@@ -52,6 +54,7 @@ class Inputs:
     parameters: tuple[Parameter, ...]
     covariance: np.ndarray
     starts: int = 0
+    slack: float = 0.0
     unknown: tuple[str, ...] = ()
     exact: tuple[str, ...] = ()
     specimen: float = 0.0
@@ -100,8 +103,8 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
     """Return the uncertain numbers of a problem, with their covariance and the disturbed starts.
 
     They stand in [fabric.uncertainty] of each fabric, and in `uncertain`: its keys are names of
-    numbers, "start" and "correlation", its values standard uncertainties or "unknown", the number
-    of starts, and a list of [name, name, number from -1 to 1]. An entry of
+    numbers, "start", "slack" and "correlation", its values standard uncertainties or "unknown", the
+    number of starts, and a list of [name, name, number from -1 to 1]. An entry of
     `uncertain` replaces the same entry of [fabric.uncertainty]. A key that stands for several
     numbers, such as a pair, gives the uncertainty to each of them that is not 0. Numbers with
     the uncertainty 0 are left out.
@@ -117,6 +120,11 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
     if not (type(starts) is int and 0 <= starts <= MOST_STARTS and starts != 1):
         allowed = f"must be a number of disturbed starts from 2 to {MOST_STARTS}, or 0"
         raise InputError(f"start = {brief(starts)}", allowed, WHERE)
+    slack = uncertainties.pop("slack", 0.0)
+    if isinstance(slack, str):
+        slack = quantity("slack", slack, LENGTH)
+    if not (is_number(slack) and slack >= 0):
+        raise InputError(f"slack = {brief(slack)}", 'must be a length >= 0, as "0.1 mm"', WHERE)
     given = uncertainties.pop("correlation", ())
     correlation = list[tuple[str, str, float]]()
     numbers = dict(problem.source.numbers())  # values by name
@@ -162,7 +170,7 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
         for name, value in numbers.items()
         if value and name not in {*known, *unknown} and not name.startswith(of_fabrics)
     )
-    return Inputs(parameters, V, starts, tuple(unknown), exact, **of_curves)
+    return Inputs(parameters, V, starts, slack, tuple(unknown), exact, **of_curves)
 
 
 def _read_fabric(fabric: Fabric, replaced: Mapping[str, Any]) -> Uncertainty:

@@ -24,6 +24,7 @@ def fitted_tables(
     intervals: Mapping[str, tuple[float, float]],
     covariance: np.ndarray,
     scale: Discrepancy | None,
+    slack: float,
 ) -> dict[str, Any]:
     """Return the tables of fitted.toml.
 
@@ -34,7 +35,8 @@ def fitted_tables(
     and, by the type of the term, in [uncertain]. It is so large that twice of it covers 95 %; so
     are the ones of specimens and of the law. Other constants that were fitted, or that the
     specimens depend on, are "unknown", unless the fabric of the fit states their uncertainty.
-    `covariance` (k, k) is the one of `values`, in their order.
+    `covariance` (k, k) is the one of `values`, in their order; `slack` is the uncertainty of the
+    slack of the next specimen [m], NaN if it is not known.
     """
     table = next(filter(None, (s.problem.tables.get("fabric") for s in fitting.specimens)), None)
     terms, keys = _fitted_terms(fitting, values)
@@ -60,6 +62,8 @@ def fitted_tables(
         "terms": terms,
         "uncertain": {key: u for key, u in uncertain.items() if key.startswith(OF_TERMS)},
     }
+    if slack > 0:
+        tables["uncertain"]["slack"] = slack
     if others := [row for row in rows if not all(key.startswith(OF_FABRIC) for key in row[:2])]:
         tables["uncertain"]["correlation"] = others
     if table and keys:

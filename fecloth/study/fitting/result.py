@@ -235,6 +235,7 @@ def summarise(
         *mistakes.describe_points(end),
         *mistakes.describe_units(fitting.unknowns, end.u, facts.told),
         *words.describe_specimens(scale),
+        *words.describe_slack(end),
         *words.describe_untold(fitting, facts),
         *words.describe_resolution(numerical, of_data),
         *words.describe_law(fitting, end, facts),
@@ -256,10 +257,12 @@ def summarise(
         law=scale.law if scale else np.nan,
         specimens_and_law=scale.both if scale else np.nan,
         predictions=predictions,
-        offsets={row["experiment"]: row["offset"] for row in rows if row["offset"] is not None},
+        offsets=words.slacks(end),
         experiments=Table(tuple(rows)),
         points=table_of_points(end),
-        fitted=fitted_tables(fitting, values, intervals, covariance, scale),
+        fitted=fitted_tables(
+            fitting, values, intervals, covariance, scale, words.slack_of_next(end)[1]
+        ),
         remarks=(*remarks, *words.describe_held(fitting), *words.describe_assumed(end)),
     )
 

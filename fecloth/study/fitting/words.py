@@ -4,14 +4,15 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from fecloth.errors import amount
-from fecloth.fabric.uncertainty import CONSTANTS
+from fecloth.fabric.uncertainty import CONSTANTS, COVERS
 from fecloth.quantities.digits import with_uncertainty
 from fecloth.study.fitting.discrepancy import Discrepancy
 from fecloth.study.fitting.evaluation import Column, Evaluation, Fitting
 from fecloth.study.fitting.measured import ASSUMED_SIGMA
-from fecloth.study.fitting.statistics import Statistics
+from fecloth.study.fitting.statistics import COVERAGE, Statistics
 from fecloth.study.result import Table, in_percent
 
 PARTS_OF_CURVE = 3  # begin, middle and end, for where the law fails
@@ -85,6 +86,44 @@ def describe_specimens(scale: Discrepancy | None) -> Iterator[str]:
         yield f"the law is off by {in_percent(scale.law)} (standard deviation, of curves left out)"
     elif np.isfinite(scale.both):
         yield f"specimens and law together are off by {in_percent(scale.both)} (curves left out)"
+
+
+def slacks(end: Evaluation) -> dict[str, float]:
+    """Return the fitted slack of each experiment by its name, in SI."""
+    return {
+        column.label: column.computed.shift
+        for column in end.fitted
+        if column.specimen.experiment.offset and column.computed
+    }
+
+
+def slack_of_next(end: Evaluation) -> tuple[float, float]:
+    """Return the mean slack, and the standard uncertainty of the next; NaN if it is not known.
+
+    It is sd √(1 + 1/n) of n slacks, widened so that twice of it covers 95 % by Student's t.
+    """
+    known = list(slacks(end).values())
+    if len(known) < 2:
+        return float(np.mean(known)) if known else np.nan, np.nan
+    n = len(known)
+    widened = float(stdtrit(n - 1, 0.5 + COVERAGE / 2)) / COVERS
+    return float(np.mean(known)), widened * float(np.std(known, ddof=1)) * np.sqrt(1 + 1 / n)
+
+
+def describe_slack(end: Evaluation) -> Iterator[str]:
+    """Yield a sentence with the slack of each experiment, and how to take it to a prediction."""
+    known = slacks(end)
+    if not known:
+        return
+    listed = ", ".join(f"{label} {shift:.3g}" for label, shift in known.items())
+    unit = next((c.points.along_unit for c in end.fitted if c.label in known), "")
+    mean, u = slack_of_next(end)
+    text = f"slack: {listed} {unit}".rstrip()
+    if unit == "m":
+        text += f'. Write "after {1e3 * mean:.3g} mm" behind a quantity at a place'
+        if np.isfinite(u):
+            text += f"; the next one is uncertain by {1e3 * u:.2g} mm"
+    yield text
 
 
 def describe_untold(fitting: Fitting, facts: Statistics) -> Iterator[str]:
