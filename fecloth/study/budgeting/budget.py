@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.fabric.priors import BIAS
 from fecloth.scene.probe_tables import read_measured
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
@@ -16,6 +17,7 @@ from fecloth.simulation.quantity_values import value_of
 from fecloth.study.budgeting.inputs import Inputs, read_inputs
 from fecloth.study.budgeting.result import Budget, make_budget
 from fecloth.study.command import StudyFailed
+from fecloth.study.constants_read import with_estimates
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked, StudyProblem
 from fecloth.study.refinement import levels_to_run, summarise
@@ -47,6 +49,7 @@ SAMPLES = 64
 PART_OFF_FIRST_ORDER = 0.25
 # Part of a quantity that its solver may leave: smaller differences say nothing.
 PART_LEFT_BY_SOLVER = 1e-6
+WORDS_OF_PRIOR = f"{BIAS.estimate}, uncertain by the spread of 618 published fabrics"
 # Of the uncertainty by inputs that do not cancel: less is round-off of the slopes.
 ROUND_OFF_OF_SLOPES = 1e-6
 
@@ -135,7 +138,8 @@ def budget(
     Dynamics and Heat Transfer: E = S − D and u_val² = u_num² + u_input² + u_D².
     """
     study = open_study(problem, shared)
-    opened = study.problem
+    opened, estimated = with_estimates(study.problem)
+    study = replace(study, problems=(opened,))
     opened.check_refining("h")
     whole("samples", SAMPLES if samples is None else samples, 2, "budget")
     whole("seed", seed, 0, "budget")
@@ -143,7 +147,7 @@ def budget(
         uncertain = opened.tables.get("uncertain") or {}
     if measured is None:
         measured = opened.tables.get("measured") or {}
-    inputs = read_inputs(opened, uncertain)
+    inputs = read_inputs(opened, uncertain, estimated)
     data = read_measured(measured, opened.first.energies if measured else ())
     is_single = isinstance(quantity, str | Quantity) or callable(quantity)
     names_of_quantities: Any = quantity or opened.source.interest or list(data) or None
@@ -182,7 +186,8 @@ def budget(
         unknown=inputs.unknown,
         exact=inputs.exact,
     )
-    remarks = [*remarks_on_states, *work.ends_of_friction(first_values)]
+    remarks = [f"{name} was not measured: {WORDS_OF_PRIOR}." for name in estimated if name in names]
+    remarks += [*remarks_on_states, *work.ends_of_friction(first_values)]
     remarks += [*remarks_on_input, *remarks_on_starts]
     return replace(result, doubts=doubts, remarks=tuple(remarks))
 
@@ -199,8 +204,9 @@ def tolerance_of_data(study: Opened, quantity: Any) -> float:
     InputError
         For a problem without numbers whose uncertainty is known, or an unknown quantity.
     """
-    opened = study.problem
-    inputs = read_inputs(opened, opened.tables.get("uncertain") or {})
+    opened, estimated = with_estimates(study.problem)
+    study = replace(study, problems=(opened,))
+    inputs = read_inputs(opened, opened.tables.get("uncertain") or {}, estimated)
     unknown = ", ".join(inputs.unknown)
     if not inputs.parameters:
         allowed = "needs numbers in [uncertain] or [fabric.uncertainty]"
@@ -403,24 +409,19 @@ class Work:
         It does not hold where a run fails.
         """
         change = probing_change(slopes, inputs.covariance)
-        middle = np.array([parameter.value for parameter in inputs.parameters])
-        probes = {
-            "the problem": middle,
-            "probing sample, +": middle + change,
-            "probing sample, -": middle - change,
-        }
+        middle, above, below = (inputs.moved(sign * change) for sign in (0.0, 1.0, -1.0))
+        probes = {"the problem": middle, "probing sample, +": above, "probing sample, -": below}
         changed = [
             (name, dict(zip(inputs.names, numbers.tolist(), strict=True)))
             for name, numbers in probes.items()
         ]
-        (values, values_plus, values_minus), _ = self.run(changed)
-        expected_change = slopes @ change
-        off_plus = abs(values_plus - values - expected_change)
-        off_minus = abs(values_minus - values + expected_change)
+        (values, values_above, values_below), _ = self.run(changed)
+        off_above = abs(values_above - values - slopes @ (above - middle))
+        off_below = abs(values_below - values - slopes @ (below - middle))
         u = standard_uncertainty(slopes, inputs.covariance)
         allowed = PART_OFF_FIRST_ORDER * u + PART_LEFT_BY_SOLVER * abs(values)
         # False where a value is NaN
-        return np.asarray(np.maximum(off_plus, off_minus) <= allowed)
+        return np.asarray(np.maximum(off_above, off_below) <= allowed)
 
     def slack(self, u: float) -> np.ndarray:
         """(quantities,) uncertainty by a slack with the standard uncertainty `u` [m].

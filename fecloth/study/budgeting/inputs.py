@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,13 @@ class Inputs:
         """The names of the numbers."""
         return [parameter.name for parameter in self.parameters]
 
+    def moved(self, change: np.ndarray) -> np.ndarray:
+        """(k,) the values after a change (k,); of positive constants by its exponential."""
+        values = np.array([p.value for p in self.parameters])
+        is_positive = np.array([_is_positive(p) for p in self.parameters])
+        scale = np.where(is_positive, values, 1.0)
+        return np.where(is_positive, values * np.exp(change / scale), values + change)
+
     def samples(self, count: int, seed: int) -> list[dict[str, float]]:
         """Return `count` samples: each has the values of all numbers, by their names.
 
@@ -99,7 +107,11 @@ def _is_positive(parameter: Parameter) -> bool:
     return is_of_fabric and parameter.value > 0 and not set(SIGNED) & set(keys)
 
 
-def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
+def read_inputs(
+    problem: StudyProblem,
+    uncertain: Mapping[str, Any],
+    estimated: Mapping[str, float] = MappingProxyType({}),
+) -> Inputs:
     """Return the uncertain numbers of a problem, with their covariance and the disturbed starts.
 
     They stand in [fabric.uncertainty] of each fabric, and in `uncertain`: its keys are names of
@@ -107,7 +119,8 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
     number of starts, and a list of [name, name, number from -1 to 1]. An entry of
     `uncertain` replaces the same entry of [fabric.uncertainty]. A key that stands for several
     numbers, such as a pair, gives the uncertainty to each of them that is not 0. Numbers with
-    the uncertainty 0 are left out.
+    the uncertainty 0 are left out. `estimated` has the uncertainty of numbers that nobody gave,
+    see `with_estimates`, where no table has it.
 
     Raises
     ------
@@ -142,6 +155,10 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
             what = f"{prefix}.{error.what}"
             raise InputError(what, error.allowed, WHERE, error.remedy) from None
         standard |= {f"{prefix}.{key}": u for key, u in of_fabric.items()}
+        stated = {f"{prefix}.{key}" for key, _ in own.deviations}
+        standard |= {
+            key: estimated[key] for key in estimated.keys() - stated if key.startswith(f"{prefix}.")
+        }
         correlation += [(f"{prefix}.{a}", f"{prefix}.{b}", rho) for a, b, rho in own.correlation]
         for key in OF_CURVES:
             of_curves[key] = max(of_curves[key], getattr(own, key))
