@@ -27,7 +27,6 @@ LARGEST_NEGATIVE_EIGENVALUE = 1e-6
 WHERE = "uncertainty"
 PART = re.compile(r"(\d+\.?\d*(?:[eE][-+]?\d+)?)\s*%")
 UNKNOWN = "unknown"  # in place of an uncertainty that nobody knows; it is not 0
-COVERS = 2.0  # standard uncertainties cover 95 % of a normal distribution
 OF_CURVES = ("specimen", "law")  # relative standard uncertainties of whole curves
 
 
@@ -75,7 +74,7 @@ class Uncertainty:
         if not isinstance(table, Mapping):
             allowed = 'must be a table, as { shear_stiffness = "5 %" }'
             raise InputError(f"uncertainty = {brief(table)}", allowed, WHERE)
-        by_key = dict(_flat(table))
+        by_key = dict(flat(table))
         correlation = by_key.pop("correlation", ())
         source = by_key.pop("source", "")
         if not isinstance(source, str):
@@ -124,11 +123,10 @@ class Uncertainty:
         the matrix ρ has a negative eigenvalue.
         """
         standard = self.standard(fabric)
-        rows = [
-            place
-            for key in (standard if keys is None else keys)
-            for place in _places(key, list(standard))
-        ]
+        place = {name: i for i, name in enumerate(standard)}
+        if keys is None:
+            keys = standard
+        rows = [place[name] for key in keys for name in _number_names(key, place)]
         return covariance_of(standard, self.correlation)[np.ix_(rows, rows)]
 
 
@@ -141,10 +139,10 @@ def covariance_of(
     Raises `InputError` for a key without a deviation, and for correlations that contradict each
     other: then the matrix ρ has a negative eigenvalue.
     """
-    names = list(deviations)
-    rho = np.eye(len(names))
+    place = {name: i for i, name in enumerate(deviations)}
+    rho = np.eye(len(place))
     for *pair, value in correlation:
-        i, j = (_places(key, names) for key in pair)
+        i, j = ([place[name] for name in _number_names(key, place)] for key in pair)
         rho[np.ix_(i, j)] = rho[np.ix_(j, i)] = value
     if len(rho) and (least := np.linalg.eigvalsh(rho)[0]) < -LARGEST_NEGATIVE_EIGENVALUE:
         what = f"correlation: the least eigenvalue of its matrix is {least:.3g}"
@@ -152,11 +150,6 @@ def covariance_of(
         raise InputError(what, "must be at least 0", WHERE, remedy)
     u = np.array(list(deviations.values()))
     return rho * np.outer(u, u)
-
-
-def _places(key: str, names: list[str]) -> list[int]:
-    """Return the places of a key, or of both numbers of a pair, among the names."""
-    return [names.index(name) for name in _number_names(key, dict.fromkeys(names))]
 
 
 def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
@@ -171,31 +164,12 @@ def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
     return numbers
 
 
-def merged(own: Mapping[str, Any], replaced: Iterable[str], new: Any) -> Any:
-    """Return the table of uncertainties `own`, changed by the keys of the table `new`.
-
-    The uncertainties of the constants `replaced` (names) are left out, because they belong to
-    other numbers. So are correlations with constants that have no uncertainty any more.
-    """
-    if not isinstance(new, Mapping):
-        return new  # `Uncertainty.read` refuses it
-    new = dict(_flat(new))
-    gone = {*new, *(CONSTANTS.keys() & set(replaced))}
-    # A key goes if it, or the constant that it is a number of, is gone.
-    kept = {key: value for key, value in _flat(own) if not {key, _constant(key)} & gone}
-    rows = kept.pop("correlation", ())
-    rows = [row for row in rows if all({key, _constant(key)} & kept.keys() for key in row[:2])]
-    if rows:
-        kept["correlation"] = rows
-    return kept | new
-
-
-def _constant(key: str) -> str:
+def constant_of(key: str) -> str:
     """Return the name of a constant from its key or from the key of one number of a pair."""
     return key.partition(".")[0]
 
 
-def _flat(table: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
+def flat(table: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
     """Yield keys and values, with KEY.0 and KEY.1 for a pair of values."""
     for key, value in table.items():
         if key in PAIRS and isinstance(value, list | tuple):
@@ -278,7 +252,7 @@ def correlations(
             allowed = "must be [key, another key, a number from -1 to 1]"
             raise InputError(f"correlation {brief(row)}", allowed, WHERE)
         for key in row[:2]:
-            if key not in deviations and _constant(str(key)) not in deviations:
+            if key not in deviations and constant_of(str(key)) not in deviations:
                 what = f"correlation of {key!r}, which has no uncertainty"
                 allowed = f"must be one of {', '.join(deviations)}"
                 raise InputError(what, allowed, WHERE, did_you_mean(key, deviations))

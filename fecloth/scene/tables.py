@@ -15,7 +15,8 @@ from fecloth import terms
 from fecloth.errors import InputError, brief, errors_of
 from fecloth.fabric import presets
 from fecloth.fabric.fabric import Fabric, constants_in
-from fecloth.fabric.uncertainty import CONSTANTS, OF_CURVES, PAIRS, Uncertainty, merged
+from fecloth.fabric.merging import merged
+from fecloth.fabric.uncertainty import CONSTANTS, OF_CURVES, PAIRS, Uncertainty
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.rotation import Rotation
 from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle

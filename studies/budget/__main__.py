@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import fecloth as fc
-from fecloth.study.budgeting.budget import Work
+from fecloth.study.budgeting.work import Work
 from studies import harness
 from studies.budget.specimens import ROUGH, SMOOTH, Specimen
 

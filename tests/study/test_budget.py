@@ -13,10 +13,11 @@ from fecloth.cli.main import main
 from fecloth.errors import InputError
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study import tuning
-from fecloth.study.budgeting import budget as budgets
-from fecloth.study.budgeting.budget import Work, probing_change, spread, tolerance_of_data
+from fecloth.study.budgeting import work as budgets
+from fecloth.study.budgeting.budget import tolerance_of_data
 from fecloth.study.budgeting.inputs import Inputs, read_inputs
 from fecloth.study.budgeting.result import _shown, make_budget
+from fecloth.study.budgeting.work import Work, probing_change, spread
 from fecloth.study.constants_read import with_estimates
 from fecloth.study.parameters import Parameter
 from fecloth.study.problem import StudyProblem

@@ -10,13 +10,13 @@ import numpy as np
 
 from fecloth.errors import InputError, brief, is_number
 from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.merging import merged
 from fecloth.fabric.uncertainty import (
     OF_CURVES,
     UNKNOWN,
     Uncertainty,
     correlations,
     covariance_of,
-    merged,
     part_of,
 )
 from fecloth.quantities.units import LENGTH, is_quantity, quantity

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.fabric.uncertainty import COVERS
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.problem import StudyProblem
 from fecloth.study.result import Cell, StudyResult, Table
 from fecloth.study.status import FAILED
+from fecloth.study.uncertainty import COVERS
 
 # A part of the uncertainty that is at most this part of the total is not named, and not drawn.
 NEGLIGIBLE_PART = 0.01

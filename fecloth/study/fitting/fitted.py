@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.fabric.uncertainty import COVERS, UNKNOWN, merged
+from fecloth.fabric.merging import merged
+from fecloth.fabric.uncertainty import UNKNOWN
 from fecloth.study.constants_read import numbers_read
 from fecloth.study.fitting.discrepancy import Discrepancy
 from fecloth.study.fitting.evaluation import Fitting
-from fecloth.study.fitting.specimens import fabric_with
+from fecloth.study.fitting.fabric import fabric_with
+from fecloth.study.uncertainty import COVERS
 
 OF_FABRIC, OF_TERMS = "fabric.", "terms."
 

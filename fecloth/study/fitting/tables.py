@@ -6,7 +6,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from fecloth.study.fitting import words
-from fecloth.study.fitting.discrepancy import Discrepancy, read_curve
+from fecloth.study.fitting.amplitude import read_curve
+from fecloth.study.fitting.discrepancy import Discrepancy
 from fecloth.study.fitting.evaluation import Evaluation, Fitting
 from fecloth.study.result import Cell, Table
 

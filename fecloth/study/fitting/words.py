@@ -7,13 +7,14 @@ import numpy as np
 from scipy.special import stdtrit
 
 from fecloth.errors import amount
-from fecloth.fabric.uncertainty import CONSTANTS, COVERS
+from fecloth.fabric.uncertainty import CONSTANTS
 from fecloth.quantities.digits import with_uncertainty
 from fecloth.study.fitting.discrepancy import Discrepancy
 from fecloth.study.fitting.evaluation import Column, Evaluation, Fitting
 from fecloth.study.fitting.measured import ASSUMED_SIGMA
 from fecloth.study.fitting.statistics import COVERAGE, Statistics
 from fecloth.study.result import Table, in_percent
+from fecloth.study.uncertainty import COVERS
 
 PARTS_OF_CURVE = 3  # begin, middle and end, for where the law fails
 WORST_PARTS = 4  # parts of curves that are named, where the law fails

@@ -10,7 +10,7 @@ from fecloth.scene.scene import load_scene
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.budgeting.inputs import read_inputs
 from fecloth.study.fitting import file as fit_file
-from fecloth.study.fitting.fit import choose_starts
+from fecloth.study.fitting.search import choose_starts
 from fecloth.study.fitting.specimens import known_reach
 from fecloth.study.problem import StudyProblem
 
@@ -491,7 +491,7 @@ def test_a_wrong_unit_is_named_from_a_start_far_off():
 
 
 def test_a_search_that_has_not_converged_says_so_and_does_not_blame_the_law(monkeypatch):
-    from fecloth.study.fitting import fit as fits
+    from fecloth.study.fitting import search as fits
 
     def soon(*given, **more):
         return least_squares(*given, **more | {"max_nfev": 1})
