@@ -147,15 +147,10 @@ def main() -> int:
         of_case = [trial(number, **case) for number in range(trials)]
         lines[words] = summary(words, of_case)
         rows += [{"strips": words, **row} for row in of_case]
-    title, what = harness.about(__doc__)
-    return harness.write_report(
-        options,
-        title,
-        rows,
-        conclusion=what,
-        findings=[] if options.quick else find(lines, trials),
-        tables={"Trials": list(lines.values())},
-        page=Path(__file__).with_suffix(""),
+    findings = [] if options.quick else find(lines, trials)
+    tables = {"Trials": list(lines.values())}
+    return harness.conclude(
+        options, __doc__, Path(__file__).with_suffix(""), rows, findings, tables
     )
 
 
