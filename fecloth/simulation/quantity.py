@@ -191,14 +191,14 @@ def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
     if match["at"] is not None:
         at = _seconds(text, match["at"], match["unit"])
     place = _column_of(match["place"] or match["gained"] or "")
-    changes = {name: match[name] for name in ("begin", "slack") if match[name]}
-    if changes and not place:
+    if match["slack"] and not place:
         raise _refusal(text, "'after' needs a place, as at grip.x = 10 mm")
     if place:
         at = _change(text, place, match["reached"] or match["to"])
     norm = _norm(text, match["name"], match["norm"])
-    more = {name: _change(text, place, change) for name, change in changes.items()}
-    quantity = Quantity(words, match["name"], how, at, norm, place=place, **more)
+    begin = _change(text, place, match["begin"]) if match["begin"] else None
+    slack = _change(text, place, match["slack"]) if match["slack"] else 0.0
+    quantity = Quantity(words, match["name"], how, at, norm, place=place, begin=begin, slack=slack)
     if quantity.how != "value" and (at is not None or match["end"]):
         raise _refusal(text, f"'{match['how']}' is over the whole run: it takes no time")
     if quantity.is_field and (quantity.how != "value" or at is not None):

@@ -51,7 +51,7 @@ def fitted_tables(
     names = [keys.get(name, name) for name in values]
     uncertain: dict[str, Any] = dict.fromkeys(keys.values(), UNKNOWN)
     uncertain |= {names[i]: float(deviations[i]) for i in told}
-    rows = []
+    rows: list[list[Any]] = []
     for i, j in combinations(told, 2):
         rho = covariance[i, j] / np.sqrt(covariance[i, i] * covariance[j, j])
         rows.append([names[i], names[j], float(rho)])

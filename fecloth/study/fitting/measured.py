@@ -105,14 +105,14 @@ def _read_repeats(experiment: Experiment, table: DataTable) -> np.ndarray:
 
     Raise `InputError` if sigma = "repeats" but there are less than 2 repeats.
     """
+    has_repeats = "repeat" in table
+    numbers = table.numbers("repeat", None) if has_repeats else np.zeros(len(table.lines))
     is_needed = "repeats" in {experiment.sigma_of(column) for column in experiment.columns}
-    if is_needed or "repeat" in table:
-        numbers = table.numbers("repeat", None)
-        if is_needed and len(np.unique(numbers)) < 2:
-            allowed = "needs at least 2 repeats in the column repeat"
-            raise InputError('sigma = "repeats"', allowed, table.where)
-        return numbers
-    return np.zeros(len(table.lines))
+    if is_needed and len(np.unique(numbers)) < 2:
+        allowed = "needs at least 2 repeats in the column repeat"
+        remedy = 'Of one specimen write sigma = "2 %", say.'
+        raise InputError('sigma = "repeats"', allowed, table.where, remedy)
+    return numbers
 
 
 def _read_places(
