@@ -162,14 +162,13 @@ class Discrepancy:
         alone leave the amplitude uncertain by more than a factor exp(`LARGEST_UNCERTAINTY`).
         """
         parts = self.solved.parts(curve)
-        if np.isnan(self.specimens):
-            by_constants = self.both**2 * parts.specimens + parts.noise
-            own = self.both**2 * parts.own_specimens
-        else:
-            law = self.law**2 if parts.law > NO_SHARE_OF_LAW**2 else 0.0
-            by_constants = self.specimens**2 * parts.specimens + parts.noise
-            by_constants += law * max(parts.law - 1.0, 0.0)
-            own = self.specimens**2 * parts.own_specimens + law * min(parts.law, 1.0)
+        # without τ, the sum of both stands as one part in its place
+        tau, kappa = self.specimens, self.law
+        if np.isnan(tau):
+            tau, kappa = self.both, 0.0
+        law = kappa**2 if parts.law > NO_SHARE_OF_LAW**2 else 0.0
+        by_constants = tau**2 * parts.specimens + law * max(parts.law - 1.0, 0.0) + parts.noise
+        own = tau**2 * parts.own_specimens + law * min(parts.law, 1.0)
         if not by_constants <= LARGEST_UNCERTAINTY**2:
             return np.nan
         return by_constants + own + parts.own_noise

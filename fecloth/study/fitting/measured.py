@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.errors import InputError, brief
+from fecloth.fabric.uncertainty import part_of
 from fecloth.quantities import units
 from fecloth.quantities.columns import DIMENSIONS, DataTable, read_table
 from fecloth.simulation.quantity import Quantity
@@ -189,14 +190,12 @@ def _read_sigma(
     largest = np.abs(values).max()
     if stated is None:
         return ASSUMED_SIGMA * largest * ones
-    if not isinstance(stated, str):
-        return float(stated) * ones
     if stated in table:
-        return table.numbers(stated, unit)
-    text = stated.strip()
+        return table.numbers(str(stated), unit)
+    text = part_of(largest, stated, "sigma", table.where)
+    if not isinstance(text, str):
+        return float(text) * ones
     try:
-        if text.endswith("%"):
-            return float(text[:-1]) / 100 * largest * ones
         if unit:
             dimension = DIMENSIONS[unit.replace("²", "^2").replace("³", "^3")]
             return units.quantity("sigma", text, dimension) * ones

@@ -111,10 +111,7 @@ class Fit(StudyResult):
     @property
     def resolved(self) -> bool:
         """Whether mesh and step shift each constant by less than half of its interval."""
-        return not any(
-            abs(shift) > words.half_of(self.intervals_of_data[name])
-            for name, shift in self.numerical.items()
-        )
+        return not words.unresolved(self.numerical, self.intervals_of_data)
 
     @property
     def exit_status(self) -> int:

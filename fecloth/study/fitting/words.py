@@ -199,17 +199,22 @@ def _wants(fitting: Fitting, end: Evaluation, column: Column) -> Iterator[tuple[
         yield distance, f"{where} wants {constant.name} = {wanted:.3g}, not {fitted_value}"
 
 
+def unresolved(
+    numerical: Mapping[str, float], intervals: Mapping[str, tuple[float, float]]
+) -> list[str]:
+    """Return the constants that mesh and step shift by more than half of their interval."""
+    return [name for name, shift in numerical.items() if abs(shift) > half_of(intervals[name])]
+
+
 def describe_resolution(
-    numerical: dict[str, float], intervals: dict[str, tuple[float, float]]
+    numerical: Mapping[str, float], intervals: Mapping[str, tuple[float, float]]
 ) -> Iterator[str]:
-    """Constants that mesh and step shift by more than half of their interval."""
-    for name, shift in numerical.items():
-        half = (intervals[name][1] - intervals[name][0]) / 2
-        if abs(shift) > half:
-            yield (
-                f"not resolved: half of h and dt shifts {name} by {shift:+.2g}, its interval "
-                f"is ± {half:.2g}; take a finer mesh or shorter steps"
-            )
+    """Yield a sentence for each constant that is not resolved, see `unresolved`."""
+    for name in unresolved(numerical, intervals):
+        yield (
+            f"not resolved: half of h and dt shifts {name} by {numerical[name]:+.2g}, its interval "
+            f"is ± {half_of(intervals[name]):.2g}; take a finer mesh or shorter steps"
+        )
 
 
 def describe_predictions(end: Evaluation, predictions: Table) -> Iterator[str]:
