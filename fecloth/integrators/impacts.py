@@ -126,7 +126,9 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     times = np.where(strikes, opening.dt, lasting)
     of_points = [0 if part is None else part.shares.shape[0] for part in parts]
     forces = tuple(np.split(touches.shares @ (impulses / times), np.cumsum(of_points)[:-1]))
-    stroke, of_impacts = (velocity(change(strikes * places)) for places in (impulses, beyond))
+    stroke = of_impacts = np.zeros_like(new.v)
+    if strikes.any():
+        stroke, of_impacts = (velocity(change(strikes * each)) for each in (impulses, beyond))
     return Struck(state, stroke, of_impacts, works, forces)
 
 

@@ -247,8 +247,10 @@ class BoundObstacle(BoundContact):
             growth = -change / (new.t - old.t) / length
         v_at_begin = self.shape.velocity(begins, old.t)
         v = self.shape.velocity(contacts.points.values(new.x, numbers), new.t)
+        nodes, weights = contacts.points.weights(numbers)
         return TouchingPoints(
-            weights=contacts.points.weights(numbers, len(new.x)),
+            nodes=nodes,
+            weights=weights,
             n=n,
             n_at_begin=n_at_begin,
             surface=np.einsum("pi,pi->p", n, v) + growth,

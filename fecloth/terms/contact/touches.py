@@ -40,6 +40,8 @@ class Touches:
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
         """All places of several contacts."""
+        if len(parts) == 1:
+            return parts[0]
         return cls(
             rows=sparse.vstack([part.rows for part in parts], format="csr"),
             surface=np.concatenate([part.surface for part in parts]),
@@ -56,8 +58,8 @@ class TouchingPoints:
 
     Attributes
     ----------
-    weights
-        (p, n) the parts of the nodes in the values at the points.
+    nodes, weights
+        The nodes (p, k) of each point, and their parts in the values there.
     n, n_at_begin
         Normals (p, 3) at the end and at the begin of the step, of unit length.
     surface, surface_at_begin
@@ -66,7 +68,8 @@ class TouchingPoints:
         Impulses (p,) of the barrier over the step [N s].
     """
 
-    weights: sparse.csr_matrix
+    nodes: np.ndarray
+    weights: np.ndarray
     n: np.ndarray
     n_at_begin: np.ndarray
     surface: np.ndarray
@@ -84,33 +87,42 @@ def touches_at_nodes(
     surface has the speed of the points, weighted alike. `v_at_begin` (n, 3) are the velocities of
     the nodes at the begin [m/s].
     """
-    weights = sparse.vstack([kind.weights for kind in kinds], format="csr")
-    pushed = np.concatenate([kind.pushed for kind in kinds])
-    impulses = (weights.T @ sparse.diags(pushed)).tocsr()  # (n, p) w_ia Λ₀_a
-    P = impulses @ np.concatenate([kind.n for kind in kinds])
+    all_nodes = np.concatenate([kind.nodes.ravel() for kind in kinds])
+    impulses = [kind.weights * kind.pushed[:, None] for kind in kinds]  # w_ia Λ₀_a
+
+    def collect(name: str) -> np.ndarray:
+        """Σ_a w_ia Λ₀_a times the values (p, …) of this name at the points, at all nodes."""
+        values = [
+            impulse[..., None] * getattr(kind, name).reshape(len(impulse), 1, -1)
+            for kind, impulse in zip(kinds, impulses, strict=True)
+        ]
+        flat = np.concatenate([value.reshape(-1, value.shape[-1]) for value in values])
+        n = len(v_at_begin)
+        return np.stack([np.bincount(all_nodes, each, n) for each in flat.T], axis=1)
+
+    P = collect("n")
     size = np.linalg.norm(P, axis=1)
     nodes = np.flatnonzero(size)
-    size = size[nodes]
-    impulses = impulses[nodes]
-    P_at_begin = impulses @ np.concatenate([kind.n_at_begin for kind in kinds])
+    P_at_begin = collect("n_at_begin")[nodes]
     along_begin = np.einsum("mi,mi->m", P_at_begin, v_at_begin[nodes])
-    along_begin -= impulses @ np.concatenate([kind.surface_at_begin for kind in kinds])
-    node_weights = sparse.identity(len(v_at_begin), format="csr")[nodes]
-    return Touches(
-        rows=rows_of(node_weights, P[nodes] / size[:, None]),
-        surface=impulses @ np.concatenate([kind.surface for kind in kinds]) / size,
-        before=along_begin / np.linalg.norm(P_at_begin, axis=1),
-        pushed=size,
-        restitution=np.full(len(nodes), restitution),
-        shares=(sparse.diags(1 / size) @ impulses).T.tocsr(),
+    along_begin -= collect("surface_at_begin")[nodes, 0]
+    m = len(nodes)
+    columns = 3 * nodes[:, None] + np.arange(3)
+    normals = P[nodes] / size[nodes, None]
+    rows = (normals.ravel(), columns.ravel(), np.arange(0, 3 * m + 1, 3))
+    place = np.cumsum(size > 0.0) - 1  # of each node, among those that are pushed
+    parts = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    counts = np.concatenate([np.full(*kind.nodes.shape) for kind in kinds])
+    shares = (
+        np.concatenate([impulse.ravel() for impulse in impulses]) * parts[all_nodes],
+        np.maximum(place, 0)[all_nodes],
+        np.concatenate([[0], np.cumsum(counts)]),
     )
-
-
-def rows_of(weights: sparse.csr_matrix, normals: np.ndarray) -> sparse.csr_matrix:
-    """Return the rows (m, 3n) of points with the shape functions (m, n) and normals (m, 3)."""
-    entries = weights.tocoo()
-    columns = 3 * entries.col[:, None] + np.arange(3)
-    values = entries.data[:, None] * normals[entries.row]
-    places = (np.repeat(entries.row, 3), columns.ravel())
-    shape = (weights.shape[0], 3 * weights.shape[1])
-    return sparse.csr_matrix((values.ravel(), places), shape=shape)
+    return Touches(
+        rows=sparse.csr_matrix(rows, shape=(m, v_at_begin.size)),
+        surface=collect("surface")[nodes, 0] / size[nodes],
+        before=along_begin / np.linalg.norm(P_at_begin, axis=1),
+        pushed=size[nodes],
+        restitution=np.full(m, restitution),
+        shares=sparse.csr_matrix(shares, shape=(len(counts), m)),
+    )
