@@ -190,8 +190,8 @@ def _read_sigma(
     largest = np.abs(values).max()
     if stated is None:
         return ASSUMED_SIGMA * largest * ones
-    if stated in table:
-        return table.numbers(str(stated), unit)
+    if isinstance(stated, str) and stated in table:
+        return table.numbers(stated, unit)
     text = part_of(largest, stated, "sigma", table.where)
     if not isinstance(text, str):
         return float(text) * ones
