@@ -11,14 +11,8 @@ from support.tiers import stories_except
 import fecloth as fc
 from fecloth.compiled.jit import kernel
 from fecloth.compiled.team import (
-    LARGEST_LOSS,
-    LARGEST_TIME_RATIO,
-    SHORTEST_REST,
-    SHORTEST_UNIT,
-    TRIALS,
     Mode,
     Team,
-    ThreadChoice,
     number_of_threads,
 )
 from fecloth.compiled.threads import members, wait
@@ -207,41 +201,6 @@ def test_one_trial_that_is_interrupted_decides_nothing(auto, bad):
     team, clock = auto
     march(team, clock, lambda i: 1.0, lambda i: 10.0 if i == bad else 0.5, 8)
     assert [choice.best for choice in team.choices.values()] == [ALL]
-
-
-@pytest.mark.parametrize(
-    ("ratio", "expected"), [(0.8 * LARGEST_TIME_RATIO, ALL), (1.25 * LARGEST_TIME_RATIO, ONE)]
-)
-def test_the_gain_decides(ratio, expected):
-    choice, modes = ThreadChoice(), []
-    for _ in range(2 + 2 * TRIALS + 5):
-        modes.append(choice.ask())
-        choice.tell(modes[-1], {ONE: 1.0, ALL: ratio}[modes[-1]])
-    assert modes[: 2 + 2 * TRIALS] == [ONE, ONE, ALL, *[ALL, ONE] * (TRIALS - 1), ALL]
-    assert set(modes[2 + 2 * TRIALS :]) == {expected}
-
-
-@pytest.mark.parametrize(
-    ("seconds", "tried"), [(0.8 * SHORTEST_UNIT, False), (1.25 * SHORTEST_UNIT, True)]
-)
-def test_a_short_loop_is_left_to_one_thread(seconds, tried):
-    choice, modes = ThreadChoice(), []
-    for _ in range(100):
-        modes.append(choice.ask())
-        choice.tell(modes[-1], seconds)
-    assert (ALL in modes) == tried
-
-
-@pytest.mark.parametrize(("factor", "expected"), [(0.8, ALL), (1.25, ONE)])
-@pytest.mark.parametrize("seconds", [1e-3, 1.0])
-def test_one_thread_takes_over_when_all_have_lost_too_much(seconds, factor, expected):
-    choice = ThreadChoice()
-    for _ in range(2 + 2 * TRIALS):
-        mode = choice.ask()
-        choice.tell(mode, {ONE: seconds, ALL: 0.5 * seconds}[mode])
-    assert choice.best is ALL
-    choice.tell(ALL, seconds + factor * max(2 * seconds, LARGEST_LOSS * SHORTEST_REST))
-    assert choice.ask() is expected
 
 
 def test_one_thread_does_all_where_there_is_only_one(monkeypatch):

@@ -13,7 +13,6 @@ import fecloth as fc
 from fecloth.compiled.team import ALONE, Team
 from fecloth.linalg import aggregation
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.gauss_seidel import SweepOrder
 from fecloth.linalg.multigrid import ITERATIONS_PER_REBUILD, Multigrid, cycle
 from fecloth.linalg.pcg import PCG, invert_diagonal
 from fecloth.scene.plan import MULTIGRID_PER_BLOCK, MULTIGRID_PER_NODE
@@ -204,25 +203,6 @@ def test_prolongator_and_coarse_matrix_are_the_products():
     assert empty.any()
     expected[empty, empty] = 1.0
     np.testing.assert_allclose(coarse.to_scipy().toarray(), expected, atol=1e-12 * expected.max())
-
-
-@pytest.mark.parametrize("element", ["P1", "P2"])
-def test_aggregates_and_colours_cover_every_node_once(element):
-    pattern = cloth_system(0.1, element=element, bending=fc.PlateBending()).pattern
-    of_node = aggregation.aggregate(pattern.indptr, pattern.indices)
-    order = SweepOrder.from_pattern(pattern)
-    assert sorted(set(of_node)) == list(range(of_node.max() + 1))
-    assert sorted(order.nodes) == list(range(len(pattern)))
-    assert of_node.max() + 1 < len(pattern) / 4
-    n, place = len(pattern), order.places
-    np.testing.assert_array_equal(place[order.nodes], np.arange(n))
-    colours = np.searchsorted(order.starts, np.arange(n), side="right")
-    for q, i in enumerate(order.nodes):
-        before, after = (order.indices[order.indptr[k] : order.indptr[k + 1]] for k in (q, n + q))
-        assert (colours[before] < colours[q]).all()
-        assert (colours[after] > colours[q]).all()
-        row = pattern.indices[pattern.indptr[i] : pattern.indptr[i + 1]]
-        assert sorted([*order.nodes[before], i, *order.nodes[after]]) == list(row)
 
 
 def test_coarse_matrices_are_kept_until_their_age_costs_as_much_as_new_ones():
