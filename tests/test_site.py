@@ -198,13 +198,6 @@ def test_a_public_name_on_no_page_ends_the_build(public_names, monkeypatch, tmp_
         public_names.require_all(None)
 
 
-def test_formulas_of_docstrings_become_blocks(public_names):
-    lines = ["The energy of |x| is", "", "    W = ½ |x|²", "", "and", "", "- a", "", "    of |a|"]
-    public_names.as_written(None, "class", "x", None, None, lines)
-    shown = ["The energy of \\|x\\| is", "", "::", "", "    W = ½ |x|²", "", "and", "", "- a", ""]
-    assert lines == [*shown, "    of \\|a\\|"]
-
-
 @pytest.mark.parametrize("width", [390, 1280])
 def test_a_page_begins_above_the_fold_and_does_not_scroll_sideways(width, site, pages, browser):
     page = browser.new_page(viewport={"width": width, "height": 800})
@@ -216,16 +209,6 @@ def test_a_page_begins_above_the_fold_and_does_not_scroll_sideways(width, site, 
         beyond, bottom = page.evaluate(look)
         assert (beyond, name) == (0, name)
         assert 0 < bottom < 600, name
-    page.close()
-
-
-def test_signatures_do_not_break_inside_types(site, browser):
-    """Each parameter stands on one line."""
-    page = browser.new_page(viewport={"width": 390, "height": 800})
-    page.goto((site / "api/names/run.html").as_uri())
-    heights = page.eval_on_selector_all("dt.sig .sig-param", "all => all.map(e => e.offsetHeight)")
-    assert len(heights) > 5
-    assert 0 < max(heights) < 35  # [pixels] of a line
     page.close()
 
 
@@ -277,9 +260,3 @@ def told(page, site, link):
     page.goto(f"{site.as_uri()}/{link}")
     text = page.evaluate("document.getElementById(decodeURI(location.hash.slice(1))).innerText")
     return " ".join(text.split())
-
-
-def test_words_that_no_section_has_find_nothing(site, page):
-    page.goto(f"{(site / 'search.html').as_uri()}?q=xylophone")
-    page.wait_for_function("document.getElementById('told').innerText.startsWith('No section')")
-    assert page.query_selector("#results li") is None

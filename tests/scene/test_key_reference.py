@@ -141,12 +141,6 @@ def test_info_prints_only_the_schema(capsys):
     assert printed.err == ""
 
 
-def test_info_lists_the_terms(capsys):
-    assert cli.main(["info", "--terms"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == list(TERM_TABLES)
-
-
 @pytest.mark.parametrize("name", TERM_TABLES)
 def test_info_prints_the_parameters_of_a_term(name, capsys):
     assert cli.main(["info", "--terms", name]) == 0
@@ -154,11 +148,6 @@ def test_info_prints_the_parameters_of_a_term(name, capsys):
     assert f'type = "{name}"' in out
     for key in fields(TERM_TABLES[name]):
         assert f"\n{key}: " in out
-
-
-def test_info_refuses_an_unknown_term(capsys):
-    assert cli.main(["info", "--terms", "Wnid"]) == 2
-    assert "Did you mean 'Wind'?" in capsys.readouterr().err
 
 
 def test_the_fields_of_a_picture_are_those_of_frames():

@@ -140,25 +140,6 @@ def test_long_run_is_thinned_with_a_note(run, monkeypatch):
     web_page.write_view(folder)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["view", "."], "has no frames"),
-        (["render", ".", "-o", "a.png"], "has no frames"),
-        (["render", ".", "-o", "a.avi"], "must end in .mp4, .gif, .png"),
-        (["render", ".", "-o", "a.png", "--size", "big"], "must be like 1280x720"),
-        (["render", ".", "-o", "a.mp4", "--size", "101x100"], "even for .mp4"),
-        (["render", ".", "-o", "a.gif", "--fps", "0"], "fps = 0"),
-        (["render", ".", "-o", "a.gif", "--time", "1"], "applies only to a .png"),
-    ],
-)
-def test_mistakes(arguments, message, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(arguments) == 2
-    assert message in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 # --- in a browser ---------------------------------------------------------------------------------
 
 
@@ -242,55 +223,6 @@ def test_field_mouse_and_play(run, browser):
 
 @pytest.mark.stories
 @pytest.mark.parametrize("run", ["P1"], indirect=True)
-def test_space_plays_and_arrow_keys_move_by_one_frame(run, browser):
-    page = Page(browser, run[0] / "view.html")
-    press = page.page.keyboard.press
-
-    def frame():
-        return int(page.page.locator(".time").input_value())
-
-    press("ArrowLeft")
-    assert frame() == 7
-    for key, wanted in (("Home", 0), ("ArrowLeft", 8), ("ArrowRight", 0), ("End", 8)):
-        press(key)
-        assert frame() == wanted
-    page.page.locator(".time").focus()
-    press("ArrowLeft")
-    assert frame() == 7
-    press("Space")
-    page.page.wait_for_function('document.querySelector(".time").value != 7')
-    press("Space")
-    still = frame()
-    page.page.wait_for_timeout(300)
-    assert frame() == still
-    page.page.locator(".field").focus()
-    press("ArrowDown")
-    assert frame() == still
-    assert not page.troubles
-    page.page.close()
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("run", ["P1"], indirect=True)
-def test_checks_are_those_of_a_weave(run, browser):
-    """Of four squares one is white, two have one dark thread and one has two."""
-    page = Page(browser, run[0] / "view.html", 1280, 1600)
-    page.slide(8)
-    page.page.locator(".field").select_option(label="checks")
-    shown = page.pixels()
-    red, blue = shown[..., 0], shown[..., 2]
-    two, one = red < 0.5 * blue, (red > 0.6 * blue) & (red < 0.85 * blue)
-    assert two.sum() > 1000
-    assert 1.6 < one.sum() / two.sum() < 2.4
-    assert page.page.locator(".legend").inner_text().strip() == "squares of 0.05 m"
-    page.page.locator(".field").select_option(label="velocity")
-    assert "m/s" in page.page.locator(".legend").inner_text()
-    assert page.page.locator(".ramp").is_visible()
-    assert not page.troubles
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("run", ["P1"], indirect=True)
 @pytest.mark.parametrize("width", [360, 1280])
 def test_it_fits_phone_and_desk(run, browser, width):
     page = Page(browser, run[0] / "view.html", width)
@@ -318,28 +250,6 @@ def phone(browser, tmp_path_factory):
     page.goto((folder / "run" / "report.html").as_uri())
     yield page
     page.close()
-
-
-def swipe(page, across, along):
-    """One finger from the middle of the cloth, by so many pixels."""
-    box = page.locator("canvas").bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    send = page.context.new_cdp_session(page).send
-    for k in range(11):
-        point = {"x": x + across * k / 10, "y": y + along * k / 10}
-        kind = "touchMove" if k else "touchStart"
-        send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
-    send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-
-
-@pytest.mark.stories
-def test_a_finger_on_the_cloth_turns_it_or_scrolls_the_report(phone):
-    before = phone.locator("canvas").screenshot()
-    swipe(phone, 120, 0)
-    assert phone.locator("canvas").screenshot() != before
-    assert phone.evaluate("scrollY") == 0
-    swipe(phone, 0, -200)
-    phone.wait_for_function("scrollY > 100")
 
 
 @pytest.mark.stories
