@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support.obstacles import near
 from support.planned import warnings_before
 from support.tiers import stories_except
 
@@ -113,6 +114,20 @@ def test_the_forces_are_slopes_of_the_energy(name, rng):
     assert abs(slope) > 1e-6
     assert -(f * s).sum() == pytest.approx(slope, rel=1e-5)
     assert f[:, 2].sum() > 0
+
+
+@pytest.mark.parametrize("name", ["table", "plate"])
+def test_the_energy_has_no_jump_where_pairs_of_edges_become_pairs_of_points(name):
+    """Slopes of random places near large faces: an area cut off for a pair made the energy jump."""
+    cloth = fc.Cloth.rectangle(0.2, 0.2, 0.05, element="P2")
+    obstacle = fc.Obstacle(SHAPES[name], gap=0.01, stiffness=200.0)
+    term = fc.System(cloth, FABRIC, [obstacle]).bound[0]
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        x = near(cloth, obstacle, 0.0, rng.uniform(0, 6))
+        s, eps = rng.standard_normal(x.shape), 1e-7
+        slope = (term.energy(x + eps * s, 0.0) - term.energy(x - eps * s, 0.0)) / (2 * eps)
+        assert -(term.push(x, 0.0) * s).sum() == pytest.approx(slope, rel=1e-3)
 
 
 def test_a_longer_rod_is_no_stiffer():
