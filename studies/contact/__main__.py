@@ -12,35 +12,78 @@ error alone.
 
 from __future__ import annotations
 
+import warnings
+from pathlib import Path
+
+import fecloth as fc
 from fecloth import study
+from fecloth.study.uncertainty import estimate_uncertainty
+from studies import harness
 from studies.contact import references
 
-CLOSE = 1.0  # %, on the finest level
-LEAST_COVERED = 0.85  # of the exact values, in value ± uncertainty
+CLOSE, COVERED = 1.0, 0.8  # % on the finest level; part of the exact values within value ± U
+GAPS = (4 * references.GAP, 2 * references.GAP, references.GAP)
 
 
-def refine(known: references.Known, refined: str, levels: int) -> dict:
+def refine(known: references.Known, by: str, levels: int) -> dict:
     """A row: the figure on the finest level, its ±, the order, and the exact value."""
-
-    def problem(h: float, dt: float | None = None):
-        sizes = {"h": known.h, "dt": known.dt, "gap": known.gap, refined: h}
-        if refined == "dt":
-            sizes |= {"h": known.h, "dt": dt}
-        return known.problem(**{name: size for name, size in sizes.items() if size is not None})
-
-    first = known.gap if refined == "gap" else known.h
-    sizes = {"h": first} | ({"dt": known.dt, "t_end": known.t_end} if known.dt else {})
-    by = "dt" if refined == "dt" else "h"
-    result = study.converge(problem, known.quantity, by, levels, **sizes)
-    error = 100 * (result.value / known.exact - 1)
+    sizes = {"h": known.h} | ({"dt": known.dt, "t_end": known.t_end} if known.dt else {})
+    if by == "gap":
+        swept = study.sweep(known.problem, {"gap": GAPS}, known.quantity, **sizes)
+        values = [row[swept.quantities[0]] for row in swept.table]
+        refined = estimate_uncertainty(GAPS, values, theory=1.0)
+    else:
+        refined = study.converge(known.problem, known.quantity, by, levels, **sizes)
     return {
-        "problem": known.name,
-        "refined": refined,
-        "value": result.value,
-        "±": result.uncertainty,
-        "order": result.order,
+        "figure": known.name,
+        "refined": by,
+        "value": refined.value,
+        "±": refined.uncertainty,
+        "order": refined.order,
         "exact": known.exact,
-        "error %": error,
-        "error over ±": abs(result.value - known.exact) / result.uncertainty,
-        "says": result.verdict.splitlines()[0],
+        "error %": 100 * (refined.value / known.exact - 1),
+        "error over ±": abs(refined.value - known.exact) / refined.uncertainty,
     }
+
+
+def of_self_contact(sizes: tuple[float, ...]) -> list[dict]:
+    """The drum that touches a sheet: the contact radius on each mesh."""
+    rows = []
+    for h in sizes:
+        computed, exact = references.drum_on_sheet(h, 0.5 * references.GAP)
+        rows.append({"h": h, "radius [m]": computed, "error %": 100 * (computed / exact - 1)})
+    return rows
+
+
+def main() -> int:
+    """Refine the problems, and write the report."""
+    options = harness.parse_arguments(__doc__)
+    warnings.simplefilter("ignore", fc.FeclothWarning)
+    known = references.known_answers()
+    sizes = ("h",) if options.quick else ("h", "dt", "gap")
+    ways = [(each, by) for each in known for by in sizes if by != "dt" or each.dt]
+    rows = [refine(each, by, 3 if options.quick else 4) for each, by in ways]
+    drums = of_self_contact((0.02, 0.01) if options.quick else (0.02, 0.01, 0.005))
+    judged = [row for row in rows if row["refined"] != "gap"]
+    covered = sum(row["error over ±"] <= 1 for row in judged) / len(judged)
+    findings = [
+        harness.Finding(
+            "largest error on a finest mesh, %",
+            max(abs(row["error %"]) for row in judged if row["refined"] == "h"),
+            high=CLOSE,
+        ),
+        harness.Finding("part of the exact values within ±, h and dt", covered, low=COVERED),
+        harness.Finding(
+            "a drum on a sheet, finest mesh, |error| %", abs(drums[-1]["error %"]), high=CLOSE
+        ),
+    ]
+    title, what = harness.about(__doc__)
+    tables = {"Refined": rows, "A drum that touches a sheet": drums}
+    page = Path(__file__).with_name("contact")
+    return harness.write_report(
+        options, title, rows, conclusion=what, findings=findings, tables=tables, page=page
+    )
+
+
+if __name__ == "__main__":
+    harness.run_main(main)

@@ -20,47 +20,54 @@ UP = (0, 0, 1)
 FLOOR = fc.shapes.Plane((0, 0, 0), UP)
 
 
+GAP = 2.5e-4  # m
+
+
 @dataclass(frozen=True)
 class Known:
-    """A problem with a known answer: its first h, dt and gap, and its end in time if it moves."""
+    """A problem with a known answer: its first h and dt, and its end in time if it moves."""
 
     name: str
     problem: Callable
     quantity: str | Callable
     exact: float
     h: float
-    gap: float
     dt: float | None = None
     t_end: float | None = None
 
 
 # --- a sheet that bounces, and one that slides to rest -------------------------------------------
 
-BOUNCE, MU, SPEED = 0.5, 0.4, 0.5  # restitution, friction, and speed of the slide [m/s]
+BOUNCE, MU, SPEED, FALL = 0.5, 0.4, 0.5, 5e-3  # restitution, friction, speed of the slide, height
 
 
-def thrown(h: float, dt: float, gap: float):
+def thrown(h: float, dt: float, gap: float = GAP):
     """A sheet without weight is thrown at a plane at 1 m/s."""
-    cloth = fc.Cloth.rectangle(0.1, 0.1, h)
-    floor = fc.Obstacle(FLOOR, gap, restitution=BOUNCE)
-    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK(), floor])
-    x = np.column_stack([cloth.X, np.full(len(cloth.X), 0.0113 + gap)])
-    return cloth, system, fc.BDF2(), system.state(x, 0 * x - [0, 0, 1.0])
+    return sheet(h, gap, 0.0113, [0, 0, -1.0], [fc.Obstacle(FLOOR, gap, restitution=BOUNCE)])
 
 
-def sliding(h: float, dt: float, gap: float):
-    """A sheet that lies on a plane begins to slide at `SPEED`."""
+def sliding(h: float, dt: float, gap: float = GAP):
+    """A sheet falls on a plane while it moves along at `SPEED`, and slides to rest."""
+    terms = [fc.Gravity(), fc.Obstacle(FLOOR, gap, friction=MU)]
+    return sheet(h, gap, FALL, [SPEED, 0, 0], terms)
+
+
+def sheet(h: float, gap: float, height: float, velocity, terms):
     cloth = fc.Cloth.rectangle(0.1, 0.1, h)
-    terms = [fc.StVK(), fc.Gravity(), fc.Obstacle(FLOOR, gap, friction=MU)]
-    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), terms)
-    above = system.state(np.column_stack([cloth.X, np.full(len(cloth.X), 1.05 * gap)]))
-    x = fc.lay_down(system, above).x
-    return cloth, system, fc.BDF2(), system.state(x, 0 * x + [SPEED, 0, 0])
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK(), *terms])
+    x = np.column_stack([cloth.X, np.full(len(cloth.X), height + gap)])
+    return cloth, system, fc.BDF2(), system.state(x, 0 * x + velocity)
 
 
 def mean_speed(result) -> float:
     """The speed [m/s] at which the sheet leaves the plane."""
     return float(result.state.v[:, 2].mean())
+
+
+def way_to_rest() -> float:
+    """Way [m] of the sheet: its flight, and its slide after an impact that takes μ v (Coulomb)."""
+    down = math.sqrt(2 * 9.81 * FALL)
+    return SPEED * down / 9.81 + (SPEED - MU * down) ** 2 / (2 * MU * 9.81)
 
 
 # --- a strip that is pulled over a cylinder: the capstan equation ---------------------------------
@@ -69,11 +76,11 @@ RADIUS, WEIGHT, FREE = 0.05, 0.02, 0.08  # of the cylinder [m], at one end [N], 
 SLIP = 0.3  # friction
 
 
-def capstan(h: float, dt: float, gap: float, mu: float = SLIP, angle: float = math.pi / 2):
+def capstan(h: float, dt: float, gap: float = GAP, mu=SLIP, angle=math.pi / 2, speed=0.1):
     """A strip is wrapped round a cylinder by `angle`, with a weight at one end, and pulled.
 
-    It slides at 0.1 m/s, and has no weight and no stiffness in bending. Without inertia the ratio
-    of the forces is e^(μ θ), the capstan equation (Euler and Eytelwein).
+    It slides at `speed` [m/s], and has no weight and no stiffness in bending. Without inertia the
+    ratio of the forces is e^(μ θ), the capstan equation (Euler and Eytelwein).
     """
     radius = RADIUS + gap
     cloth = fc.Cloth.rectangle(2 * FREE + radius * angle, 0.01, h, pattern="right")
@@ -86,7 +93,7 @@ def capstan(h: float, dt: float, gap: float, mu: float = SLIP, angle: float = ma
         fc.PointForce("left", (-WEIGHT, 0, 0)),
         fc.Obstacle(cylinder, gap, friction=mu),
     ]
-    formulas = [f"{0.1 * float(part)!r}*t" for part in along]
+    formulas = [f"{speed * float(part)!r}*t" for part in along]
     system = fc.System(cloth, fabric, terms, pins=[fc.Pin("right", motion=formulas)])
     s = cloth.X[:, 0] - FREE
     on = np.clip(s / radius, 0, angle)
@@ -108,20 +115,30 @@ def pulled(result) -> float:
     return float(force[-len(force) // 4 :].mean() / WEIGHT)
 
 
+def capstan_at_rest(mu: float, angle: float, h: float = 0.01, load_steps: int = 10) -> float:
+    """The ratio of the same strip in equilibria, while its end is pulled by 20 mm in load steps."""
+    cloth, system, _, start = capstan(h, 0.0, 5e-4, mu, angle, speed=0.02)
+    end = fc.equilibrium(system, start, load_steps=load_steps)
+    f = np.zeros_like(end.x)
+    system.bound[0].add_force(end.x, end.v, end.t, f)
+    along = [math.cos(angle), 0.0, -math.sin(angle)]
+    return float(-f[cloth.nodes("right")].sum(axis=0) @ along / WEIGHT)
+
+
 # --- a heavy strip, lifted at one end: an elastica that leaves a plane ----------------------------
 
 B, HEAVY, LENGTH, WIDTH, HEIGHT = 1e-4, 0.2 * 9.81, 0.4, 0.04, 0.03  # N m, N/m², m
 
 
-def lifted(h: float, gap: float):
+def lifted(h: float, gap: float = GAP, height: float = HEIGHT):
     """One end of a strip that lies on a plane is lifted, and is free to turn and to move along."""
     cloth = fc.Cloth.rectangle(LENGTH, WIDTH, h)
     pins = [fc.Slide("left", direction=UP), fc.Slide("right", normal=UP, name="lift")]
     terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), fc.Obstacle(FLOOR, gap)]
     system = fc.System(cloth, fc.Fabric(0.2, 3000.0, 0.0, bending_rigidity=B), terms, pins)
-    away = (24 * B * HEIGHT / HEAVY) ** 0.25  # of a small slope, where it leaves the plane
+    away = (24 * B * height / HEAVY) ** 0.25  # of a small slope, where it leaves the plane
     part = np.clip((cloth.X[:, 0] - LENGTH + away) / away, 0, 1)
-    z = gap + HEIGHT * (2 * part**3 - part**4)
+    z = gap + (height - gap) * (2 * part**3 - part**4)
     return cloth, system, None, system.state(np.column_stack([cloth.X, z]))
 
 
@@ -151,13 +168,13 @@ RIM, STRETCH, PUSHED, BALL = 0.1, 1.1, 0.01, 0.3  # radius, stretch, way and rad
 Y, NU = 1000.0, 0.3
 
 
-def drum(h: float, gap: float):
+def drum(h: float, gap: float = GAP):
     """A ball is pushed from below into the middle of a stretched round membrane."""
     cloth = fc.Cloth.disk(RIM / STRETCH, h)
-    ball = fc.Obstacle(fc.shapes.Sphere((0, 0, PUSHED - gap - BALL), BALL), gap, stiffness=1e4)
+    ball = fc.Obstacle(fc.shapes.Sphere((0, 0, PUSHED - BALL), BALL), gap, stiffness=1e4)
     system = fc.System(cloth, fc.Fabric(0.1, Y, NU), [fc.StVK(), ball], ["boundary"])
     flat = STRETCH * cloth.X
-    z = PUSHED * (1 - (flat**2).sum(axis=1) / RIM**2)
+    z = (PUSHED + gap + 5e-4) * (1 - (flat**2).sum(axis=1) / RIM**2)
     z[cloth.nodes("boundary")] = 0.0
     return cloth, system, None, system.state(np.column_stack([flat, z]))
 
@@ -247,42 +264,11 @@ def contact_radius(radius: float, tension: float, pressure: float, height: float
 
 def known_answers() -> list[Known]:
     """All problems that are refined."""
-    way = SPEED**2 / (2 * MU * 9.81)
-    lift = elastica(B, HEAVY, HEIGHT) * WIDTH
+    ratio, lift = math.exp(SLIP * math.pi / 2), elastica(B, HEAVY, HEIGHT) * WIDTH
     return [
-        Known(
-            "restitution 0.5: speed after an impact at 1 m/s [m/s]",
-            thrown,
-            mean_speed,
-            BOUNCE,
-            *(0.05, 2e-3, 4e-3, 0.04),
-        ),
-        Known(
-            "way of a sheet that slides to rest [m]",
-            sliding,
-            "mean_displacement.x",
-            way,
-            0.05,
-            2e-3,
-            8e-3,
-            0.24,
-        ),
-        Known(
-            "capstan, 90 degrees: ratio of the forces",
-            capstan,
-            pulled,
-            math.exp(SLIP * math.pi / 2),
-            *(0.01, 1e-3, 4e-3, 0.25),
-        ),
-        Known(
-            "heavy strip on a plane: force that lifts its end [N]",
-            lifted,
-            "reaction.lift.z",
-            lift,
-            0.02,
-            1e-3,
-        ),
-        Known(
-            "drum on a ball: force [N]", drum, "reaction.Obstacle.z", force_on_ball(), 0.02, 1e-3
-        ),
+        Known("speed after a bounce [m/s]", thrown, mean_speed, BOUNCE, 0.05, 4e-3, 0.04),
+        Known("way to rest [m]", sliding, "mean_displacement.x", way_to_rest(), 0.05, 4e-3, 0.16),
+        Known("capstan: ratio of forces", capstan, pulled, ratio, 0.01, 4e-3, 0.25),
+        Known("heavy strip: force that lifts [N]", lifted, "reaction.lift.z", lift, 0.02),
+        Known("drum: force of a ball [N]", drum, "reaction.Obstacle.z", force_on_ball(), 0.02),
     ]

@@ -146,7 +146,7 @@ class ContactSets:
             ratio = max(
                 1.0, *mesh.edge_areas / largest_of_cloth, *mesh.vertex_areas / largest_of_cloth
             )
-            scale = float(ratio ** _exponent(fixed))
+            scale = float(ratio) ** _exponent(fixed)
             mesh = mesh_of(scale * rest, fixed_mesh.points / scale)
             stiffness /= scale**2
         if isinstance(cloth, SewnCloth):
