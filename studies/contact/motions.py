@@ -43,7 +43,7 @@ def distance(system: fc.System, x: np.ndarray, y: np.ndarray) -> float:
 
 
 def halved(system: fc.System, start: fc.State, method: Any, dt: float, t_end: float) -> dict:
-    """Run with dt and with half of it: the error in per cent of the motion, the cost, the doubts."""
+    """Run with dt and with half of it: error in per cent of the motion, cost and doubts."""
     coarse, fine = (march(system, start, method, step, t_end) for step in (dt, 0.5 * dt))
     size = distance(system, fine.places, start.x[None])
     return {
