@@ -4,8 +4,8 @@ A sheet bounces, and one slides to rest (Coulomb); a strip is pulled over a cyli
 equation); a heavy strip is lifted from a plane (the elastica, a boundary-value problem); a ball is
 pushed into a stretched drum (a membrane of revolution). Each is refined by `converge` in h, in dt
 where it moves, and in the gap, from the same first level. The ± is that of the finest level, with
-the parts of the error that are not refined. A drum that touches a sheet by `SelfContact` has its
-error alone.
+the parts of the error that are not refined; rows of the gap have that of the gap alone, on the
+first mesh and step. A drum that touches a sheet by `SelfContact` has its error alone.
 
     python -m studies.contact [--quick]
 """

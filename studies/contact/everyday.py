@@ -24,7 +24,7 @@ S, UP, GAP, MU = fc.shapes, (0, 0, 1), 2e-3, 0.3
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=2e-5)
 TERMS = (fc.StVK(), fc.PlateBending(), fc.StrainRateDamping(time=5e-3), fc.Gravity())
 SELF = fc.SelfContact(1.5e-3, friction=MU)
-T_END, QUICK = 0.3, ("napkin on a ball", "board", "card")
+T_END, QUICK = 0.25, ("napkin on a ball", "board", "card")
 Scene = tuple[fc.System, fc.State, float]
 
 

@@ -24,6 +24,7 @@ def march(
     system: fc.System, start: fc.State, method: Any, dt: float | None, t_end: float
 ) -> Motion:
     """Run a motion, and keep the places at `LOOKS` equal times."""
+    next(fc.march(system, method, start, dt, t_end))  # compiles what is not compiled yet
     stops, places = np.linspace(0, t_end, LOOKS + 1)[1:], {}
 
     def keep(info):
@@ -53,6 +54,6 @@ def halved(system: fc.System, start: fc.State, method: Any, dt: float, t_end: fl
         "CPU s a second": coarse.cpu_seconds / t_end,
         "Newton a step": coarse.run.newton / max(coarse.run.steps, 1),
         "doubts": "; ".join(
-            sorted({doubt.kind.value for doubt in coarse.run.doubts if doubt.spoils})
+            sorted({doubt.kind.value for doubt in coarse.run.doubts if doubt.kind.spoils})
         ),
     }
