@@ -1,11 +1,9 @@
 """Does contact give known answers as h, dt and the gap are refined?
 
 A sheet bounces, and one slides to rest (Coulomb); a strip is pulled over a cylinder (the capstan
-equation); a heavy strip is lifted from a plane (the elastica, a boundary-value problem); a ball is
-pushed into a stretched drum (a membrane of revolution). Each is refined by `converge` in h, in dt
-where it moves, and in the gap, from the same first level. The ± is that of the finest level, with
-the parts of the error that are not refined; rows of the gap have that of the gap alone, on the
-first mesh and step. A drum that touches a sheet by `SelfContact` has its error alone.
+equation); a heavy strip is lifted (the elastica); a ball is pushed into a stretched drum (a
+membrane of revolution). `converge` refines h, and dt where it moves; its ± has all parts of the
+error. Rows of the gap, on the first mesh and step, have that of the gap alone.
 
     python -m studies.contact [--quick]
 """

@@ -1,7 +1,6 @@
 """Do everyday scenes of contact end, how wrong are they in time, and what do they cost?
 
-Fifteen scenes with at most 400 triangles, by BDF2. The error is the largest root mean square
-distance to the run with half of dt, over the largest way. A doubt that spoils a motion is named.
+By BDF2. The error is the root mean square distance to the run with half of dt, over the way.
 
     python -m studies.contact.everyday [--quick] [--only NAME ...] [--dt 2.5]
 """
