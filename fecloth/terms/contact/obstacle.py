@@ -16,8 +16,8 @@ from fecloth.quantities.time_function import VectorOfTime
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.bound_obstacle import BoundObstacle
-from fecloth.terms.contact.friction import CREEP_OVER_EXTENT
 from fecloth.terms.contact.inside import starts_inside
+from fecloth.terms.contact.near_points import NearPoints
 from fecloth.terms.contact.points import MOST_PARTS, divisions, longest_edges, points_of
 from fecloth.terms.contact.shape import NO_EDGES, Shape, Skeleton
 from fecloth.terms.contact.surfaces import Triangles, surface_of
@@ -185,12 +185,9 @@ class Obstacle:
         self._refuse_thin(cloth)
         parts = min(divisions(self.shape, self.gap, cloth), MOST_PARTS)
         return BoundObstacle(
-            shape=self.shape,
-            gap=float(self.gap),
+            near=NearPoints(self.shape, float(self.gap), points_of(cloth, parts, slots)),
             stiffness=barrier.stiffness_of(self.stiffness, panel, self.gap),
             friction=float(self.friction),
-            creep=CREEP_OVER_EXTENT * cloth.extent,
-            points=points_of(cloth, parts, slots),
             restitution=float(self.restitution),
         )
 
@@ -208,7 +205,6 @@ class Obstacle:
             name="Obstacle",
             sets=sets,
             friction=self.friction,
-            creep=CREEP_OVER_EXTENT * panel.cloth.extent,
             body=self.shape,
             restitution=self.restitution,
         )
@@ -329,7 +325,6 @@ class MeshObstacle:
             name="MeshObstacle",
             sets=sets,
             friction=self.friction,
-            creep=CREEP_OVER_EXTENT * cloth.extent,
             body=body,
             restitution=self.restitution,
         )

@@ -10,7 +10,7 @@ from support.tiers import in_turn, stories_except
 
 import fecloth as fc
 from fecloth.nonlinear.increments import LoadIncrement, solve_increment, static_context
-from fecloth.terms.bending.sliders import Sliders
+from fecloth.terms.sliders import Sliders
 from fecloth.terms.step_difference import StepDifference
 
 B, HB = 2e-5, 3e-4  # N m, N
