@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.terms.contact.friction import Friction, Grips, Springs
+from fecloth.terms.contact.friction import MOST_STRETCH_OVER_GAP, Friction, Grips, Springs
 from fecloth.terms.contact.guess import Way
 from fecloth.terms.contact.touches import Touches
 from fecloth.terms.last_states import LastStates
@@ -198,9 +198,12 @@ class BoundContact(BoundTerm):
         springs = []
         for each, e in zip(grips, stretches, strict=True):
             limit = self.friction * each.push
+            stiffness = each.stiffness
             if holds:
-                limit = np.maximum(limit, each.stiffness * np.linalg.norm(e, axis=1))
-            sliders = Sliders.of_contact(limit, each.stiffness)
+                limit = np.maximum(limit, stiffness * np.linalg.norm(e, axis=1))
+            else:
+                stiffness = np.maximum(stiffness, limit / (MOST_STRETCH_OVER_GAP * self.gap))
+            sliders = Sliders.of_contact(limit, stiffness)
             anchors = each.places.values(carried) - e @ R.T
             springs.append(Springs(each, each.n @ R.T, anchors, sliders))
         return Friction(springs)
@@ -222,8 +225,9 @@ class BoundContact(BoundTerm):
         left = []
         for each in friction.springs:
             e = each.stretch(x)
-            left.append(each.sliders.left(e) @ self.rotation(t))
-            heat += float(each.sliders.heat(e).sum()) + each.grips.stored(left[-1])
+            kept = each.sliders.left(e)
+            left.append(kept @ self.rotation(t))
+            heat += float((each.sliders.heat(e) + each.sliders.energy(kept)).sum())
         stretches = [NO_STRETCH]
         for grips in self.grips(x, t):
             e = grips.hand_on([each.grips for each in friction.springs], left)

@@ -31,8 +31,11 @@ from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.sliders import Sliders
 
 # k over κ A/gap, the stiffness of the barrier at its begin. Chosen: a place that sticks gives way
-# along the surface by about μ times as much as it gives way across it.
-STICK_OVER_BARRIER = 1.0
+# along the surface by about μ/100 times as much as it gives way across it.
+STICK_OVER_BARRIER = 100.0
+# An impact has so large a normal force that its whole slip would only stretch such a spring. So a
+# spring is stiffer for one step where it would slide only beyond this stretch, over the gap.
+MOST_STRETCH_OVER_GAP = 1e-3
 
 
 def along(n: np.ndarray, w: np.ndarray) -> np.ndarray:
