@@ -371,8 +371,7 @@ class BoundTerm:
     def with_history(self, record: Any) -> "BoundTerm":
         """The term with its record, between two steps: its energy is the energy stored there.
 
-        The ledger asks for it, and methods that need the force at the begin of a step. Return
-        the term itself if it acts without the record there, as friction of contact does.
+        The ledger asks for it, and methods that need the force at the begin of a step.
         """
         return self
 

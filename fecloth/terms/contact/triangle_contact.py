@@ -202,7 +202,9 @@ class SelfContact:
     Codimensional Incremental Potential Contact, ACM Trans. Graph. 40(4), for the thickness;
     computed by the IPC Toolkit, the package ``ipctk``.
 
-    Friction is Coulomb's, smoothed and lagged, as for `Obstacle`.
+    Friction sticks and slides as for `Obstacle`, with k = 100 κ A/gap of each pair. Where a node
+    goes over to the next triangle, the new pair takes over the stretch of the old one, so that
+    an anchor stays at its material points.
 
     An impact leaves the part `restitution` of the speed at which two layers close, as for
     `Obstacle`.
