@@ -6,7 +6,6 @@ import pytest
 
 import fecloth as fc
 from fecloth.errors import closest
-from fecloth.nonlinear.newton import NewtonFailed
 
 
 @pytest.mark.parametrize(
@@ -29,24 +28,6 @@ def test_input_error_message_has_value_limit_place_and_remedy(kind, arguments, t
     assert str(error) == text
     padded = (*arguments, "", "", "")[:4]
     assert (error.what, error.allowed, error.where, error.remedy) == padded
-
-
-@pytest.mark.parametrize(
-    ("kind", "bases"),
-    [
-        (fc.InputError, (fc.FeclothError, ValueError)),
-        (fc.MeshError, (fc.InputError,)),
-        (fc.SceneError, (fc.InputError,)),
-        (fc.SolveFailed, (fc.FeclothError,)),
-        (fc.IndefiniteMatrix, (fc.SolveFailed,)),
-        (fc.StepFailed, (fc.FeclothError,)),
-    ],
-)
-def test_exceptions_have_the_documented_bases(kind, bases):
-    for base in bases:
-        assert issubclass(kind, base)
-    if kind in (fc.SolveFailed, fc.IndefiniteMatrix, fc.StepFailed):
-        assert not issubclass(kind, fc.InputError)  # a failed run is not a wrong input
 
 
 @pytest.mark.parametrize("kind", [fc.SolveFailed, fc.IndefiniteMatrix])
@@ -112,12 +93,6 @@ def test_errors_can_be_pickled(error):
     assert type(copy) is type(error)
     assert str(copy) == str(error)
     assert vars(copy) == vars(error)
-
-
-def test_newton_failed_can_be_pickled():
-    failure = pickle.loads(pickle.dumps(NewtonFailed("it stalled", 0.5, "Take a smaller dt.")))
-    assert str(failure) == "it stalled (relative residual 5.00e-01). Take a smaller dt."
-    assert (failure.reason, failure.residual) == ("it stalled", 0.5)
 
 
 def test_a_wrong_name_of_the_package_suggests_the_right_one():

@@ -99,17 +99,6 @@ def test_the_loop_over_steps_can_be_read_whole():
     assert not {name for name in names if name.startswith(("simulation/doubts", "stability"))}
 
 
-def test_the_test_of_closures_counts_files_and_tokens(tmp_path):
-    package = tmp_path / "fecloth"
-    package.mkdir()
-    (package / "first.py").write_text('"""Words."""\nfrom fecloth.second import f  # why\n')
-    (package / "second.py").write_text('def f():\n    """Words."""\n    return 1\n')
-    (package / "third.py").write_text("from fecloth.first import f\n")
-    files = closure_of(package / "first.py", package)
-    assert {file.stem for file in files} == {"first", "second"}
-    assert [tokens_of(package / f"{name}.py") for name in ("first", "second")] == [6, 7]
-
-
 def package_of(source: Path) -> str:
     return source.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
@@ -136,30 +125,8 @@ def test_every_file_of_tests_has_a_name_of_its_own():
     assert sorted(names) == sorted(set(names))
 
 
-def test_the_test_sees_an_import_that_climbs(tmp_path):
-    climbing = tmp_path / "climbing.py"
-    climbing.write_text("def f():\n    from fecloth.scene.scene import load\n")
-    assert imports_of(climbing) == {"scene"}
-
-
 def test_no_two_files_import_each_other():
     assert files_in_circles(PACKAGE) == set()
-
-
-def test_the_test_of_circles_sees_imports_in_functions_and_for_annotations(tmp_path):
-    package = tmp_path / "fecloth"
-    package.mkdir()
-    texts = {
-        "first": "def f():\n    from fecloth.second import g\n",
-        "second": "if TYPE_CHECKING:\n    from fecloth import third\n",
-        "third": "import fecloth.first\n",
-        "needed": "",
-        "user": "from fecloth.first import f\nfrom fecloth.needed import x\n",
-    }
-    for name, text in texts.items():
-        (package / f"{name}.py").write_text(text)
-    circle = {"first", "second", "third"}
-    assert {file.stem for file in files_in_circles(package)} == circle
 
 
 def test_dir_shows_only_the_public_names():

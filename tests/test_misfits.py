@@ -72,15 +72,6 @@ def test_a_mistake_of_newcomers_names_what_to_do(words):
         MISTAKES[words]()
 
 
-@pytest.mark.parametrize(("gusts", "is_refused"), [(1.6, False), (2.5, True), (-0.1, True)])
-def test_gusts_may_be_twice_the_wind(gusts, is_refused):
-    if is_refused:
-        with pytest.raises(fc.InputError, match="gusts"):
-            fc.Wind((5, 0, 0), 1.0, gusts=gusts)
-    else:
-        assert fc.Wind((5, 0, 0), 1.0, gusts=gusts).gusts == gusts
-
-
 @pytest.mark.parametrize("target", CLASSES + FUNCTIONS, ids=lambda target: target.__qualname__)
 def test_arguments_that_do_not_fit_are_an_input_error_with_all_arguments(target):
     names, needed = list(inspect.signature(target).parameters), required(target)
@@ -136,16 +127,6 @@ def test_a_study_takes_texts_with_units_and_further_arguments_as_they_are():
     assert first.steps.dt == 0.005
     with pytest.raises(fc.InputError, match="Opened.of: h = '25 s': must be .* units m, cm"):
         fc.study.of(strip, **given | {"h": "25 s"})
-
-
-def test_an_error_inside_a_function_stays_what_it_is():
-    def wrong(info):
-        raise TypeError("mine")
-
-    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
-    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()], pins=["left"])
-    with pytest.raises(TypeError, match="mine"):
-        fc.run(system, fc.BDF2(), system.rest(), dt=0.01, t_end=0.02, report=wrong)
 
 
 def test_a_warning_of_a_run_stands_at_its_call():

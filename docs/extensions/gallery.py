@@ -16,9 +16,9 @@ PICTURES = {  # of each scene: how it is drawn
     "drop": "--field checks --size 640x480",
     "dome": "--field larger_stretch --size 640x480",
     "inflated_disk": "--field height --size 640x480",
-    "trampoline": "--field speed --time 0.1 --size 640x480",
+    "trampoline": "--field velocity --time 0.1 --size 640x480",
     "drum_on_plate": "--field height --time 0.15 --size 640x480",
-    "swing": "--field speed --time 0.3 --size 640x480",
+    "swing": "--field velocity --time 0.3 --size 640x480",
     "benchmark_flag": "--field checks --time 0.8 --size 640x480",
     "sag": "--field height --size 640x480",
     "hanging_strip": "--field larger_stretch --size 640x480",
@@ -33,9 +33,9 @@ SEEN = {  # in each picture
     "drop": "A square sheet over a ball. Its corners hang down, with folds between them.",
     "dome": "A disk, clamped at its rim and blown up: the colours show that its stretch is even.",
     "inflated_disk": "A disk, held around and blown up. The colours show the height.",
-    "trampoline": "A disk that is let go: rings run in from the rim. Colours: speed.",
+    "trampoline": "A disk that is let go: rings run in from the rim. Colours: velocity.",
     "drum_on_plate": "A square, held around, that has fallen onto a plate below. Colours: height.",
-    "swing": "A sheet, held along one edge, swings down. Colours: speed.",
+    "swing": "A sheet, held along one edge, swings down. Colours: velocity.",
     "benchmark_flag": "A flag that falls beside its pole, and crumples.",
     "sag": "A square, held around, sags in its middle. Colours: height.",
     "hanging_strip": "A strip that hangs: the colours show that its stretch grows upwards.",
@@ -95,7 +95,8 @@ else:
             f".. grid-item-card:: {heading(name)}",
             f"   :img-top: ../studies/scenes/{name}.png",
         ]
-        lines += [f"   :link: scene-{name}", "   :link-type: ref", f"   :img-alt: {SEEN[name]}", ""]
+        lines += [f"   :link: scene-{name}", "   :link-type: ref", f"   :img-alt: {SEEN[name]}"]
+        lines += ["", f"   {SEEN[name]}", ""]
         return "\n".join(f"   {line}" for line in lines)
 
     def section(name: str) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fecloth import errors
-from fecloth.cli.options import Output, Overwrite, Reading, RunFolder, SceneFile, Threads
+from fecloth.cli.options import Output, Overwrite, Reading, RunFolder, SceneFile, Texts, Threads
 from fecloth.runs.interruption import set_handler
 
 # Signals are handled before NumPy is imported: each command imports what it needs when it runs.
@@ -186,13 +186,20 @@ def check(
     return errors.MISSED
 
 
-def view(folder: RunFolder, *, no_open: Annotated[bool, "only write the page"] = False) -> int:
+def view(
+    folder: RunFolder,
+    *,
+    field: Annotated[
+        Texts, "as for render; may be repeated (default: stretches, velocity and so on)", "NAME"
+    ] = None,
+    no_open: Annotated[bool, "only write the page"] = False,
+) -> int:
     """Make view.html of a run and open it in the browser."""
     import webbrowser
 
     from fecloth.view.web_page import write_view
 
-    file = write_view(folder)
+    file = write_view(folder, field or ())
     print(f"wrote {file}")
     if not no_open:
         webbrowser.open(file.resolve().as_uri())
@@ -205,10 +212,8 @@ def render(
     output: Annotated[str, ".mp4, .gif or .png", "FILE", "-o"],
     field: Annotated[
         str,
-        "one of larger_stretch, smaller_stretch, speed, displacement, contact_pressure, slip, "
-        "energy_density, error_density, height, quality, larger_stress, smaller_stress, "
-        "E11, E22, E12, S11, S22, S12, stress.xx, stress.yy, stress.xy, checks, "
-        "or an array of the frames, as region",
+        "an array of the frames, as displacement or region; or larger_stretch, smaller_stretch, "
+        "larger_stress, smaller_stress, stress.xx, stress.yy, stress.xy, height, checks",
     ] = "larger_stretch",
     size: Annotated[str, "pixels (1280x720)", "WxH"] = "1280x720",
     fps: Annotated[float | None, "frames a second (default: as the cloth moved)"] = None,

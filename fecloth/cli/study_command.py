@@ -87,7 +87,7 @@ def study(ask: Callable[..., "StudyResult"]) -> Callable[..., int]:
         paths = [scene] if isinstance(scene, str) else scene
         question = "-".join(Path(path).stem for path in paths) + name_question(ask, own)
         folder = Path(running.output or Path("out") / ask.__name__ / question)
-        if len(paths) == 2 and all(Path(path).is_dir() for path in paths):
+        if len(paths) == 2 and any(Path(path).is_dir() for path in paths):
             from fecloth.study import compare_runs
 
             print(f"wrote {compare_runs(paths[0], paths[1], folder / 'overlay')}")

@@ -1,7 +1,6 @@
 """Reading of the frames of a finished or running run: times, triangles, fields.
 
-Users choose a field by one word: a key of `FIELDS`, or for `fecloth render` an array of the
-frames.
+Users choose a field by one word: an array of the frames, or a key of `COMPONENTS`.
 Quadratic triangles are cut into four straight ones.
 """
 
@@ -48,100 +47,69 @@ class Frame:
     cell_data: Arrays
 
 
-@dataclass(frozen=True)
-class Field:
-    """A field that can be drawn.
-
-    Attributes
-    ----------
-    title
-        Its name in words.
-    unit
-        Its unit, or "".
-    array
-        The array of the frame that it is made of; "" for the positions.
-    of
-        The function from that array to the values, one for each node or triangle.
-    """
-
-    title: str
-    unit: str
-    array: str
-    of: Callable[[np.ndarray], np.ndarray]
-
-
-def _norm(values):
-    return np.linalg.norm(values, axis=1)
-
-
-def _component(i: int) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda values: values[:, i]
-
-
-FIELDS = {
-    "larger_stretch": Field("larger stretch", "", "principal_stretches", _component(1)),
-    "smaller_stretch": Field("smaller stretch", "", "principal_stretches", _component(0)),
-    "speed": Field("speed", "m/s", "velocity", _norm),
-    "displacement": Field("displacement", "m", "displacement", _norm),
-    "contact_pressure": Field("contact pressure", "Pa", "contact_pressure", np.asarray),
-    "slip": Field("slip", "m/s", "slip", _norm),
-    "energy_density": Field("energy density", "J/m²", "energy_density", np.asarray),
-    "error_density": Field("error density", "J/m²", "error_density", np.asarray),
-    "height": Field("height", "m", "", _component(2)),
-    "quality": Field("quality", "", "quality", np.asarray),
-    "larger_stress": Field("larger stress", "N/m", "principal_stresses", _component(1)),
-    "smaller_stress": Field("smaller stress", "N/m", "principal_stresses", _component(0)),
-    **{
-        f"{letter}{ij}": Field(f"{letter}{ij}", unit, f"{letter}{ij}", np.asarray)
-        for letter, unit in (("E", ""), ("S", "N/m"))
-        for ij in ("11", "22", "12")
-    },
-    **{
-        f"stress.{ij}": Field(f"stress {ij}", "N/m", "recovered_stress", _component(i))
-        for i, ij in enumerate(("xx", "yy", "xy"))
-    },
+UNITS = {  # of arrays; the array "" has the positions
+    "": "m",
+    "velocity": "m/s",
+    "displacement": "m",
+    "reference": "m",
+    "contact_pressure": "Pa",
+    "slip": "m/s",
+    "recovered_stress": "N/m",
+    "principal_stresses": "N/m",
+    "stress_tensor": "N/m",
+    "S11": "N/m",
+    "S22": "N/m",
+    "S12": "N/m",
+    "energy_density": "J/m²",
+    "error_density": "J/m²",
+}
+# Names of single components: the array, and the column.
+COMPONENTS = {
+    "larger_stretch": ("principal_stretches", 1),
+    "smaller_stretch": ("principal_stretches", 0),
+    "larger_stress": ("principal_stresses", 1),
+    "smaller_stress": ("principal_stresses", 0),
+    "stress.xx": ("recovered_stress", 0),
+    "stress.yy": ("recovered_stress", 1),
+    "stress.xy": ("recovered_stress", 2),
+    "height": ("", 2),
 }
 
 
-def names_of(frame: Frame) -> list[str]:
-    """Return the names that `field_of` knows."""
-    return list(dict.fromkeys([*FIELDS, *filter(None, _arrays(frame))]))
-
-
-def field_of(frame: Frame, name: str) -> Field:
-    """Return the field of a name: a key of `FIELDS`, or an array of the frame.
-
-    Of an array of vectors it is their length, of another array with columns the largest one.
-    Raises `InputError` for an unknown name, and for a field whose array the frame lacks.
-    """
+def fields_of(frame: Frame) -> list[str]:
+    """Return the names of all fields that a frame has: components, and its arrays."""
     arrays = _arrays(frame)
-    if name not in FIELDS and name in arrays and name:
-        units = [field.unit for field in FIELDS.values() if field.array == name]
-        return Field(name.replace("_", " "), next(iter(units), ""), name, _one_number)
-    known(f"field {name!r}", name, names_of(frame))
-    if FIELDS[name].array not in arrays:
-        available = (key for key, field in FIELDS.items() if field.array in arrays)
-        remedy = f"There are {', '.join(available)}."
-        raise InputError(f"field {name!r}", "is not in these frames", remedy=remedy)
-    return FIELDS[name]
+    components = [name for name, (array, _) in COMPONENTS.items() if array in arrays]
+    return [*components, *filter(None, arrays)]
+
+
+def unit_of_field(name: str) -> str:
+    """Return the unit of a field, or ""."""
+    array, _ = COMPONENTS.get(name, (name, 0))
+    return UNITS.get(array, "")
 
 
 def field_values(frame: Frame, name: str) -> np.ndarray:
-    """Return the values of a field, one per node (n,) or per triangle (m,); see `field_of`."""
-    field = field_of(frame, name)
-    return field.of(_arrays(frame)[field.array])
+    """Return the values of a field, one per node (n,) or per triangle (m,).
+
+    `name` is a key of `COMPONENTS`, or an array of the frame: of vectors it is their length, of
+    another array with columns the largest one. Raises `InputError` for a name that the frame
+    lacks.
+    """
+    known(f"field {name!r}", name, fields_of(frame))
+    arrays = _arrays(frame)
+    if name in COMPONENTS:
+        array, column = COMPONENTS[name]
+        return arrays[array][:, column]
+    values = arrays[name]
+    if values.ndim == 1:
+        return values
+    return np.linalg.norm(values, axis=1) if values.shape[1] == 3 else values.max(axis=1)
 
 
 def _arrays(frame: Frame) -> Arrays:
     """Return the arrays of a frame by name; the positions have the name ""."""
     return {**frame.point_data, **frame.cell_data, "": frame.points}
-
-
-def _one_number(values: np.ndarray) -> np.ndarray:
-    """Return one number for each row: itself, the length of three, the largest of others."""
-    if values.ndim == 1:
-        return values
-    return _norm(values) if values.shape[1] == 3 else values.max(axis=1)
 
 
 def drawable(values: np.ndarray) -> np.ndarray:

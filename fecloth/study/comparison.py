@@ -85,12 +85,12 @@ class Comparison(StudyResult):
         return self.unit if math.isnan(self.scale) else "%"
 
     def notes(self) -> list[str]:
-        """Sentences on variants that failed, that do not converge, and on what was noticed."""
+        """Sentences on variants that failed or do not converge, their warnings and remarks."""
         lines = [f"{row['variant']}: {row['cause']}" for row in self.table if row.get("cause")]
         for name, study in self.studies.items():
             if not study.converges:
                 lines.append(f"{name}: {study.verdict.splitlines()[0].rstrip('.')}.")
-            lines += [f"{name}: {words}" for words in study.remarks]
+            lines += [f"{name}: {words}" for words in (*study.warnings, *study.remarks)]
         return [*lines, *self.remarks]
 
     def report(self, folder: str | Path) -> Path:

@@ -105,6 +105,19 @@ def label_ends(ax, ends: Sequence[tuple]) -> None:
         )
 
 
+def remove_overlaps(texts: Sequence[Any]) -> None:
+    """Remove the texts of a figure that would cover an earlier one of them."""
+    boxes: list[Any] = []
+    if texts:
+        texts[0].figure.draw_without_rendering()  # which places all that the figure has
+    for text in texts:
+        box = text.get_window_extent()
+        if any(box.overlaps(other) for other in boxes):
+            text.remove()
+        else:
+            boxes.append(box)
+
+
 def spread(heights: Sequence[float], gap: float) -> list[float]:
     """Return heights in [0, 1] near the given ones, in the same order, at least `gap` apart.
 

@@ -1,6 +1,6 @@
 """fecloth render DIR -o FILE: draw a run as a movie (.mp4, .gif) or a picture (.png).
 
-The cloth shows a field of `frame_reader.field_of` or a checker pattern. Its shadow lies below it,
+The cloth shows a field of `frame_reader.field_values` or a checker pattern. Its shadow lies below,
 and the camera is placed so that the whole motion fits. No display is needed,
 only the extra [view]: PyVista, and imageio with its ffmpeg for .mp4.
 """
@@ -47,7 +47,7 @@ class Shot:
     Attributes
     ----------
     field
-        A name that `frame_reader.field_of` knows, or "checks".
+        A name that `frame_reader.field_values` takes, or "checks".
     view
         Direction of the camera.
     distance
@@ -91,7 +91,7 @@ def render(
     target
         A .mp4 or .gif of all frames, or a .png of one frame.
     field
-        A name of `frame_reader.FIELDS`, an array of the frames, or "checks" for squares along
+        An array of the frames, a key of `frame_reader.COMPONENTS`, or "checks" for squares along
         warp and weft.
     size
         Width and height [pixels], even numbers for a .mp4.
@@ -103,7 +103,7 @@ def render(
     target = Path(target)
     _check_arguments(target, size, fps, time)
     series = frame_reader.Series.open(folder)
-    names = frame_reader.names_of(series.read(0))
+    names = frame_reader.fields_of(series.read(0))
     known(f"field {field!r}", field, [*names, CHECKS])
     shot = _shot(series, field, size)
     frames: Sequence[int] = range(len(series.times))
@@ -219,8 +219,8 @@ def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Sho
     if values:
         # A few extreme triangles must not take all colours.
         colours = colour_range(frame_reader.clip_to_drawable(np.concatenate(values)))
-        drawn = frame_reader.field_of(frame, field)
-        title = f"{drawn.title} [{drawn.unit}]" if drawn.unit else drawn.title
+        unit = frame_reader.unit_of_field(field)
+        title = f"{field} [{unit}]" if unit else field
     width, height = size
     obstacles_at_ends = [read_obstacles(series.folder, i) for i in (0, len(series.times) - 1)]
     return Shot(

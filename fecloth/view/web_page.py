@@ -44,7 +44,7 @@ MOST_BYTES = 60e6  # of frames in a page, which a browser has to load at once
 SHOWN = (
     "larger_stretch",
     "smaller_stretch",
-    "speed",
+    "velocity",
     "displacement",
     "energy_density",
     "contact_pressure",
@@ -109,13 +109,14 @@ def ground_of(low: np.ndarray, high: np.ndarray, obstacles: Iterable[Obstacles |
     return max(min([low[2], *feet]), low[2] - 0.5 * size) - 0.03 * size
 
 
-def write_view(folder: str | Path) -> Path:
+def write_view(folder: str | Path, fields: Sequence[str] = ()) -> Path:
     """Write ``folder``/view.html, which opens at the last frame, and return its path.
 
-    Raises `InputError` for a folder without frames.
+    It shows the `fields`, names that `frame_reader.field_values` takes, by default those of
+    `SHOWN`. Raises `InputError` for a folder without frames, or an unknown field.
     """
     series = frame_reader.Series.open(folder)
-    fields = shown_fields(series.read(0))
+    fields = fields or shown_fields(series.read(0))
     frames = select_frames(series, len(fields))
     unit = unit_of(series.folder)
     obstacles = [read_obstacles(series.folder, i) for i in frames]
@@ -132,8 +133,8 @@ def write_view(folder: str | Path) -> Path:
 
 def shown_fields(frame: frame_reader.Frame) -> list[str]:
     """Return the fields of `SHOWN` that a frame has."""
-    arrays = frame.point_data.keys() | frame.cell_data.keys()
-    return [name for name in SHOWN if frame_reader.FIELDS[name].array in arrays]
+    available = frame_reader.fields_of(frame)
+    return [name for name in SHOWN if name in available]
 
 
 def select_frames(series: frame_reader.Series, fields: int) -> list[int]:
@@ -182,7 +183,7 @@ def pack_frames(
     frames
         `Frame`s of one mesh.
     fields
-        Names of `frame_reader.FIELDS`.
+        Names that `frame_reader.field_values` takes.
     unit
         What follows the time of a frame.
     obstacles
@@ -251,7 +252,7 @@ def _checks(frame: frame_reader.Frame) -> dict | None:
 
 
 def _field(name: str, values: np.ndarray, nodes: int) -> dict:
-    """Return what viewer.js needs of a field: its title and unit, its values and their range.
+    """Return what viewer.js needs of a field: its name and unit, its values and their range.
 
     `values` are (frames, count), with one value for each of the `nodes` or for each cell. "low"
     and "high" are the extremes of all values, and "shown" the ends of the colour bar, between
@@ -261,8 +262,8 @@ def _field(name: str, values: np.ndarray, nodes: int) -> dict:
     low = float(values.min())
     high = float(values.max())
     return {
-        "title": frame_reader.FIELDS[name].title,
-        "unit": frame_reader.FIELDS[name].unit,
+        "title": name,
+        "unit": frame_reader.unit_of_field(name),
         "per": "node" if values.shape[1] == nodes else "cell",
         "count": values.shape[1],
         "low": low,

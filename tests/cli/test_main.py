@@ -87,20 +87,6 @@ def test_a_run_leaves_its_files(scene, capsys):
     assert "explicit method would need dt" not in printed.err
 
 
-def test_the_same_numbers_as_the_python_calls(scene):
-    assert main(["run", str(scene), "-o", "run", "--quiet"]) == 0
-    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1)
-    fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
-    terms = [fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity()]
-    system = fc.System(cloth, fabric, terms, pins=["left"])
-    result = fc.run(system, fc.BackwardEuler(), system.rest(), 0.005, 0.1)
-    last = fc.read_frame("run/frames/frame_000005.vtu", cloth)
-    assert np.array_equal(last.x, result.state.x)
-    assert np.array_equal(last.v, result.state.v)
-    energies = rows(Path("run/energies.csv"))
-    assert [float(row["StVK"]) for row in energies] == list(result.energies["StVK"])
-
-
 def test_the_resolved_scene_runs_to_the_same_end(scene):
     assert main(["run", str(scene), "-o", "a", "--quiet", "--set", "time.dt=0.01"]) == 0
     assert load_scene("a/scene.resolved.toml").time.dt == 0.01
@@ -120,18 +106,6 @@ def test_quiet_prints_nothing_but_what_is_to_be_checked(scene, capfd):
     assert all(line.startswith("check: ") for line in lines.splitlines())
     assert json.loads(Path("b/summary.json").read_text())["warnings"] == []
     assert 'class="status done"' in Path("b/report.html").read_text(encoding="utf-8")
-
-
-def test_folder_that_is_not_empty_is_refused_and_unchanged(scene, capsys):
-    Path("run").mkdir()
-    Path("run/mine.txt").write_text("keep")
-    assert main(["run", str(scene), "-o", "run"]) == 2
-    assert "is not empty" in capsys.readouterr().err
-    assert [p.name for p in Path("run").iterdir()] == ["mine.txt"]
-    assert main(["run", str(scene), "-o", "other", "--quiet"]) == 0
-    Path("other/mine.txt").write_text("keep")
-    assert main(["run", str(scene), "-o", "other", "--overwrite", "--quiet"]) == 0
-    assert Path("other/mine.txt").read_text() == "keep"
 
 
 def test_a_failed_step_is_status_3_and_leaves_the_last_good_state(scene, capsys):
@@ -292,19 +266,6 @@ def test_overwrite_replaces_runs_only(scene, capsys):
     assert Path("mine/summary.json").read_text() == "keep"
 
 
-@pytest.mark.stories
-def test_failure_during_a_run_exits_with_status_3(scene, capsys):
-    text = scene.read_text().replace(
-        "[[pins]]", "[[terms]]\ntype = 'Pressure'\np = 'where(t < 0.047, 0, 1e12)'\n[[pins]]"
-    )
-    scene.write_text(text)
-    assert main(["run", str(scene), "-o", "run"]) == 3
-    error = capsys.readouterr().err
-    assert "Take a smaller dt" in error
-    assert "is readable up to t = 0.045 s" in error
-    assert json.loads(Path("run/summary.json").read_text())["status"] == "failed"
-
-
 def test_version(capsys):
     with pytest.raises(SystemExit) as stop:
         main(["--version"])
@@ -319,21 +280,3 @@ def test_the_version_needs_no_numerical_package():
     imported = {line.split("|")[-1].strip() for line in done.stderr.splitlines()}
     assert "fecloth.cli.main" in imported
     assert not imported & {"numpy", "scipy", "numba", "pydantic", "rich", "meshio"}
-
-
-WRONG_COMMANDS = {"runn": "Did you mean 'run'?", "chek": "Did you mean 'check'?", "qqqq": "info."}
-
-
-@pytest.mark.parametrize("wrong", WRONG_COMMANDS)
-def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main([wrong, "scene.toml"])
-    assert stop.value.code == 2
-    told = capsys.readouterr().err
-    commands = (
-        "demo, run, view, render, export, check, converge, compare, sweep, chart, front, "
-        "stability, sensitivity, budget, fit, simplify, tune, bench, modes, new, mesh, info"
-    )
-    assert f"{wrong!r}: must be one of {commands}." in told
-    assert told.strip().endswith(WRONG_COMMANDS[wrong])
-    assert "usage: fecloth [-h] [--version] COMMAND ..." in told

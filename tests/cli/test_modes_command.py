@@ -37,25 +37,9 @@ def test_it_prints_a_frequency_a_line(scene, capsys, tmp_path):
     assert len(list((tmp_path / "shapes" / "frames").glob("*.vtu"))) == 3
 
 
-@pytest.mark.stories
-def test_it_writes_a_report_with_the_picture_of_the_shapes(scene, capsys, tmp_path):
-    more = ["--set", "cloth.h=0.2", "--set", "title='a drum'"]
-    assert main(["modes", scene, "-n", "13", "-o", "shapes", *more]) == 0
-    assert "wrote shapes/report.html" in capsys.readouterr().err
-    page = (tmp_path / "shapes" / "report.html").read_text()
-    assert "<h1>Modes of a drum</h1>" in page
-    assert "first 12 modes" in page
-    assert (tmp_path / "shapes" / "figure.png").stat().st_size > 10_000
-
-
 def test_it_warns_of_an_unstable_start(scene, capsys):
     squeezed = "start.position=['0.99 * X', '0.99 * Y', '0']"
     assert main(["modes", scene, "-n", "2", "--quiet", "--set", squeezed]) == 0
     printed = capsys.readouterr()
     assert all(float(line) < 0 for line in printed.out.splitlines())
     assert printed.err.startswith("warning: the state is unstable")
-
-
-def test_a_mistake_is_one_line(scene, capsys):
-    assert main(["modes", scene, "-n", "0"]) == 2
-    assert "error: modes: count = 0: must be an integer from 1 to" in capsys.readouterr().err

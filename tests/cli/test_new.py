@@ -81,14 +81,6 @@ def test_files_that_exist_are_kept(written, capsys):
     assert table(data)[1]
 
 
-@pytest.mark.parametrize("name", ['a"b', "a\nb", "..", ""])
-def test_names_that_are_no_names_of_files_are_refused(name, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["new", name, "--test", "drape"]) == 2
-    assert "must be a file name" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 SCENES = {  # settings that make the runs short
     "cloth": ["cloth.h=12.5 cm", "time.t_end=20 ms"],
     "drop": ["cloth.h=10 cm", "time.t_end=10 ms"],

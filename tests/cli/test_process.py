@@ -2,7 +2,6 @@
 
 import io
 import os
-import re
 import shlex
 import signal
 import subprocess
@@ -13,7 +12,6 @@ import pytest
 from rich.markup import escape
 from support.tiers import in_turn
 
-import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.cli.progress import show, terminal
 from fecloth.runs.interruption import Interrupted
@@ -80,13 +78,6 @@ def test_lost_text_is_a_failure_only_where_a_disk_is_full(scene, redirection, st
     assert b"Traceback" not in found.stderr
 
 
-@pytest.mark.stories
-def test_lost_output_is_a_failure_where_it_is_the_result(scene):
-    found = shell("FECLOTH mesh sheet.toml > /dev/full")
-    assert found.returncode == 3
-    assert b"standard output cannot be written (No space left on device)" in found.stderr
-
-
 # --- encodings ------------------------------------------------------------------------------------
 
 
@@ -117,26 +108,6 @@ def test_the_terminal_prints_text_as_it_is(capsys, monkeypatch, name):
         assert (console is not None) == is_terminal
         show(f"warning: the region {name} is heavy", console)
         assert capsys.readouterr().err == f"warning: the region {name} is heavy\n"
-
-
-@pytest.mark.stories
-def test_a_region_named_as_markup(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    cloth = fc.Cloth.rectangle(1.0, 0.5, 0.25, "right")
-    mesh = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "1", '2 1 "[/red]x"']
-    nodes = [f"{i + 1} {x} {y} 0" for i, (x, y) in enumerate(cloth.X)]
-    cells = [
-        f"{i + 1} 2 2 1 1 {a + 1} {b + 1} {c + 1}" for i, (a, b, c) in enumerate(cloth.triangles)
-    ]
-    mesh += ["$EndPhysicalNames", "$Nodes", str(len(nodes)), *nodes, "$EndNodes"]
-    mesh += ["$Elements", str(len(cells)), *cells, "$EndElements", ""]
-    (tmp_path / "sheet.msh").write_text("\n".join(mesh))
-    text = re.sub("cloth = .*", 'cloth = { shape = "file", path = "sheet.msh" }', SCENE)
-    text = text.replace("[fabric]", '[fabrics."[/red]x"]').replace("0.2\n", "150.0\n")
-    text = text.replace('where = "left"', 'inside = "X < 0.01"')
-    (tmp_path / "sheet.toml").write_text(text)
-    assert main(["run", "sheet.toml"]) == 0
-    assert "[/red]x" in capsys.readouterr().err
 
 
 # --- signals --------------------------------------------------------------------------------------
@@ -170,27 +141,6 @@ def test_a_signal_at_any_moment_is_status_4_or_comes_after_the_end(scene, tmp_pa
     assert 4 in seen
 
 
-@pytest.mark.stories
-def test_a_signal_after_the_end_of_a_run_leaves_status_0(scene, tmp_path):
-    """Sent as soon as the summary is there, which is the last file."""
-    for i, number in enumerate(SIGNALS[:2]):
-        folder = tmp_path / f"run{i}"
-        command = [*FECLOTH, "run", "sheet.toml", "--quiet", "-o", str(folder)]
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        while not (folder / "summary.json").is_file() and process.poll() is None:
-            time.sleep(0.0005)
-        time.sleep(0.02 * i)
-        process.send_signal(number)
-        errors = process.communicate()[1]
-        assert process.returncode == 0, errors
-
-
-@pytest.mark.stories
-def test_nohup_ignores_the_end_of_the_terminal(scene):
-    line = "nohup FECLOTH run sheet.toml --quiet & sleep 0.5; kill -HUP $!; wait $!"
-    assert shell(line).returncode == 0
-
-
 def test_a_signal_while_a_class_is_made_stops_the_command(monkeypatch, capsys):
     def fails(arguments):  # as Python 3.11 does
         raise RuntimeError("Error calling __set_name__") from Interrupted()
@@ -198,9 +148,3 @@ def test_a_signal_while_a_class_is_made_stops_the_command(monkeypatch, capsys):
     monkeypatch.setattr("fecloth.cli.main._run_command", fails)
     assert main(["info", "none.toml"]) == 4
     assert "interrupted; run it again" in capsys.readouterr().err
-
-
-def test_main_restores_the_handlers(scene):
-    before = [signal.getsignal(number) for number in SIGNALS]
-    assert main(["info", "none.toml"]) == 2
-    assert [signal.getsignal(number) for number in SIGNALS] == before

@@ -115,21 +115,6 @@ def test_a_failure_drops_the_factor(drum):
     assert solver.factor_reuse == FactorReuse()
 
 
-def test_a_factor_that_serves_badly_is_not_tried_for_longer_and_longer():
-    class Linear:
-        name, prepared = "pardiso", 0
-
-    reuse, key, tried = FactorReuse(), ("system", 1.0), []
-    for number in range(40):
-        if reuse.is_usable(key, Linear):
-            tried.append(number)
-            reuse.record_iteration(0.9, 1e-6, Linear)  # 131 iterations to go
-        reuse.record_factor(key, Linear)
-    assert tried == [1, 2, 4, 8, 16, 32]
-    reuse.record_iteration(0.01, 1e-3, Linear)  # 1.5 to go
-    assert reuse.failures == 0
-
-
 def test_factor_is_dropped_after_a_step_above_average_cost():
     class Linear:
         name, prepared = "pardiso", 0

@@ -12,7 +12,6 @@ from fecloth.nonlinear.remedies import Remedy
 from fecloth.nonlinear.stage import Stage
 
 CLOTH = fc.Cloth.rectangle(0.4, 0.3, h=0.08, pattern="unstructured")
-QUADRATIC = fc.Cloth.rectangle(0.4, 0.3, h=0.15, pattern="unstructured", element="P2")
 FABRIC = fc.Fabric(0.2, 500.0, 0.3, bending_rigidity=1e-4)
 TERMS = {
     "plate": [fc.StVK(), fc.PlateBending(rest=0.1), fc.Gravity((0.2, 0.0, -9.81))],
@@ -176,14 +175,6 @@ def test_a_kept_tangent_is_evaluated_anew_for_a_definite_matrix_and_in_each_step
     assert last.kept.must_renew(False)
 
 
-def test_terms_of_quadratic_triangles_join():
-    system = make_system([fc.StVK(), fc.PlateBending(), fc.Pressure(5.0)], cloth=QUADRATIC)
-    joined = march(system, fc.BDF2(), steps=3)
-    again = march(system, fc.BDF2(), steps=3)
-    for (x, _, _), (x1, _, _) in zip(joined, again, strict=True):
-        np.testing.assert_array_equal(x, x1)
-
-
 def test_a_term_of_python_is_called_one_by_one():
     force = fc.UserForce(lambda x, v, t: -0.01 * v)
     system = make_system([fc.StVK(), force])
@@ -191,12 +182,6 @@ def test_a_term_of_python_is_called_one_by_one():
     last = LastStage()
     last.begin(system, stage_of(system), J)
     assert last.joined is None
-
-
-def test_a_wind_that_is_not_finite_is_refused_as_before():
-    system = make_system([fc.StVK(), fc.Wind(("log(0.006 - t)", "0", "0"), normal=0.7)])
-    with pytest.raises(fc.FeclothError, match="must be finite"):
-        march(system, fc.BDF2(), steps=3)
 
 
 def test_mass_is_added_to_a_matrix_that_holds_the_tangents():

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import errno
 import json
 import os
-import signal
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +19,6 @@ from fecloth.output.atomic_files import append_in_place
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Series
 from fecloth.output.frames import Frames, read_frame, write_vtk
-from fecloth.runs.folder import RunFolder
 from fecloth.verify import trial_states
 
 POINT_DATA = {"displacement", "velocity", "reference"}
@@ -100,27 +95,6 @@ def test_uniform_stretch_has_its_closed_form(system):
     np.testing.assert_allclose(norm, np.linalg.norm(E), 1e-6)
 
 
-def test_tensor_glyphs_of_vtk_point_along_the_principal_directions(system, tmp_path):
-    """A sheet stretched by 1.2 and lowered by 0.9 across, and turned: the glyph's longest axis."""
-    vtk = pytest.importorskip("vtk")
-    angle = 0.6
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)], [0, 0]])
-    x = system.cloth.X @ (turn * [1.2, 0.9]).T
-    file = write_vtk(tmp_path / "turned", system.cloth, system.state(x), system)
-    reader = vtk.vtkXMLUnstructuredGridReader()
-    reader.SetFileName(str(file.with_name("turned_000000.vtu")))
-    centres, glyphs, source = vtk.vtkCellCenters(), vtk.vtkTensorGlyph(), vtk.vtkLineSource()
-    centres.SetInputConnection(reader.GetOutputPort())
-    glyphs.SetInputConnection(centres.GetOutputPort())
-    glyphs.SetSourceConnection(source.GetOutputPort())  # a line along X, the largest eigenvalue
-    glyphs.SetInputArrayToProcess(0, 0, 0, 0, "stress_tensor")
-    glyphs.ColorGlyphsOff()
-    glyphs.Update()
-    ends = [np.array(glyphs.GetOutput().GetPoint(i)) for i in (0, 1)]
-    line = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    assert abs(line @ [np.cos(angle), np.sin(angle), 0]) == pytest.approx(1.0, abs=1e-6)
-
-
 def test_held_counts_the_directions_that_pins_hold():
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
     pins = ["left", fc.Slide("right", direction=(1, 0, 0))]
@@ -164,7 +138,7 @@ def test_without_a_membrane_there_is_no_stress(system):
 
 
 def test_meshio_reads_the_same_numbers(system, states, tmp_path):
-    write_vtk(tmp_path / "swing", system.cloth, states, system)
+    write_vtk(tmp_path / "swing.pvd", system.cloth, states, system)
     mesh = meshio.read(tmp_path / "swing_000001.vtu")
     points, cells = fields(system, states[1])
     np.testing.assert_array_equal(mesh.points, states[1].x)
@@ -229,16 +203,6 @@ def test_lists_name_every_frame_at_its_time(system, states, tmp_path):
     assert not list(tmp_path.rglob("*.part"))
 
 
-def test_a_generator_is_streamed(system, states, tmp_path):
-    def endless():
-        for i in range(3):
-            assert len(list(tmp_path.glob("a_*.vtu"))) == i
-            yield states[0]
-
-    write_vtk(tmp_path / "a.pvd", system.cloth, endless())
-    assert len(list(tmp_path.glob("a_*.vtu"))) == 3
-
-
 def test_write_vtk_refuses_states_of_another_cloth(system, states, tmp_path):
     other = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
     with pytest.raises(InputError, match=r"shape \(9, 3\)"):
@@ -284,94 +248,6 @@ def test_a_frame_of_something_else_is_refused(system, states, tmp_path):
 
 
 # --- killed ---------------------------------------------------------------------------------------
-
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-import numpy as np
-import fecloth as fc
-from fecloth.output.frames import Frames
-from fecloth.runs.folder import RunFolder
-
-cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
-x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-whole_write, calls = Path.write_bytes, 0
-
-def die_at(moment):
-    def write(path, data):  # half of the bytes of the file in question, and then the end
-        global calls
-        calls += 1
-        if calls < moment:
-            return whole_write(path, data)
-        whole_write(path, data[: len(data) // 2])
-        os.kill(os.getpid(), signal.SIGKILL)
-    Path.write_bytes = write
-
-def write_frames(path, forever=False):
-    folder = RunFolder.create(path)
-    frames, rows = Frames(folder.path / "run", cloth), folder.table("steps.csv")
-    for i in range(10**9):
-        rows.add({"step": i, "t": 0.1 * i})
-        frames.add(fc.State(0.1 * i, x, x))
-        if i == 4 and forever:
-            print("running", flush=True)
-
-place = Path(sys.argv[1])
-for moment in range(4, 13):
-    child = os.fork()
-    if not child:
-        die_at(moment)
-        write_frames(place / f"moment{moment}")
-    os.waitpid(child, 0)
-write_frames(place / "killed", forever=True)
-"""
-
-
-@pytest.fixture(scope="module")
-def killed(tmp_path_factory):
-    """Folders of runs killed in the middle of each kind of write, and one killed from outside."""
-    if not hasattr(os, "fork"):
-        pytest.skip("needs fork and SIGKILL")
-    place = tmp_path_factory.mktemp("killed")
-    process = subprocess.Popen([sys.executable, "-c", KILLED, place], stdout=subprocess.PIPE)
-    assert process.stdout.readline() == b"running\n"
-    process.kill()
-    assert process.wait() == -signal.SIGKILL
-    process.stdout.close()
-    return sorted(place.iterdir())
-
-
-@pytest.mark.stories
-def test_killed_runs_leave_lists_that_open(killed):
-    assert len(killed) == 10
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
-    for folder in killed:
-        entries = listed(folder / "run.pvd")
-        series = json.loads((folder / "run.vtu.series").read_text())["files"]
-        for i, (t, file) in enumerate(entries):
-            assert (t, file.name) == (0.1 * i, f"frame_{i:06d}.vtu")
-            assert read_frame(file, cloth).t == t
-        assert all((folder / entry["name"]).is_file() for entry in series)
-        assert len(entries) - len(series) in (0, 1)
-        assert len(entries) >= (5 if folder.name == "killed" else 1)
-
-
-@pytest.mark.stories
-def test_killed_runs_leave_readable_rows(killed):
-    for folder in killed:
-        with (folder / "steps.csv").open(newline="") as stream:
-            rows = list(csv.DictReader(stream))
-        assert len(rows) >= len(listed(folder / "run.pvd"))
-        assert [int(row["step"]) for row in rows] == list(range(len(rows)))
-        assert [float(row["t"]) for row in rows] == [0.1 * i for i in range(len(rows))]
-
-
-def test_overwrite_removes_the_files_of_a_killed_run(killed):
-    folder = next(path for path in killed if path.name == "moment4")
-    assert list(folder.rglob("*.part"))  # half a frame
-    RunFolder.create(folder, overwrite=True)
-    assert not list(folder.iterdir())
-
 
 # --- disk full ------------------------------------------------------------------------------------
 

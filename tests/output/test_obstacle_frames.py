@@ -1,7 +1,5 @@
 """Obstacles and contact in the frames: what is written, pressure, slip, and going on."""
 
-import re
-
 import numpy as np
 import pytest
 from conftest import flat
@@ -102,13 +100,3 @@ def test_a_formula_whose_surface_is_far_away_is_not_drawn(tmp_path, formula, sho
     assert [len(each["points"]) > 0 for each in pack_obstacles(read)] == [
         bool(now) for i, now in enumerate(shown) if i == 0 or (now, shown[i - 1]) != (0, 0)
     ]
-
-
-def test_times_of_any_kind_are_written_as_numbers(tmp_path):
-    ball = fc.shapes.Sphere((0.1, 0.1, -0.1), 0.05, motion=("t", 0, 0))
-    system = make(fc.Obstacle(ball))
-    frames, x = ObstacleFrames(tmp_path, system, system.rest().x), system.rest().x
-    for i, t in enumerate((np.float64(0.0), np.float32(0.25), 1)):
-        frames.add(i, fc.State(t, x, 0 * x))
-    times = re.findall(r'timestep="([^"]*)"', (tmp_path / "obstacles.pvd").read_text())
-    assert times == ["0.0", "0.25", "1.0"]

@@ -1,6 +1,5 @@
 """Transient VTKHDF: what VTK's own reader finds at every time after a run."""
 
-import signal
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -199,29 +198,6 @@ def test_a_run_that_is_killed_while_it_scatters_its_frames_goes_on(scene, monkey
 
 
 @pytest.mark.stories
-def test_a_run_that_is_killed_while_it_gathers_its_frames_goes_on(scene, monkeypatch):
-    run_scene(scene, "whole")
-    with monkeypatch.context() as patched:
-        patched.setattr(run_files, "gather", interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            run_scene(scene, "out")
-    run_scene(scene, "out", resume=True)
-    assert written("out") == written("whole")
-
-
-def test_a_run_that_stops_early_keeps_its_frames(scene):
-    def stop(info):
-        if info.step == 3:
-            signal.raise_signal(signal.SIGINT)
-
-    assert run_scene(scene, "out", report=stop).status == "interrupted"
-    assert len(Series.open("out").times) == 4
-    assert not Path("out/run.vtkhdf").exists()
-    run_scene(scene, "out", resume=True)
-    assert len(Reader("out/run.vtkhdf").times) == 6
-
-
-@pytest.mark.stories
 def test_a_whole_run_goes_on_beyond_its_end(scene):
     keys = ["output.format='vtkhdf'", "output.restart_steps=2"]
     run_scene(scene, "out")
@@ -231,10 +207,6 @@ def test_a_whole_run_goes_on_beyond_its_end(scene):
         run_scene(longer, folder, resume=resume)
     assert len(Reader("out/run.vtkhdf").times) == 9
     assert hdf_values("out/run.vtkhdf") == hdf_values("whole/run.vtkhdf")
-
-
-def interrupt(*_):
-    raise KeyboardInterrupt
 
 
 def test_missing_h5py_is_reported_before_the_run(tmp_path, monkeypatch, capsys):

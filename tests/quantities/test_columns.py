@@ -32,19 +32,6 @@ def test_units_of_headers(unit, si, factor):
     assert factor_to_si("x", unit, si) == pytest.approx(factor, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("unit", "si", "words"),
-    [
-        (None, "m", r"'x': has no unit; write it as x \[m\]"),
-        ("kg", "m", "its unit must be one of m, cm, mm"),
-        ("mm", "", "its quantity has no unit"),
-    ],
-)
-def test_refused_units(unit, si, words):
-    with pytest.raises(InputError, match=words):
-        factor_to_si("x", unit, si)
-
-
 def test_columns_are_in_si_and_comments_are_left_out(tmp_path):
     table = read_table(write(tmp_path, "# a strip\nextension [mm], force [N]\n\n1,2\n3,4\n"), "x")
     assert table.numbers("extension", "m").tolist() == [1e-3, 3e-3]

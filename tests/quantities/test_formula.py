@@ -21,35 +21,6 @@ def smoothstep(a, b, t):
     return s * s * (3 - 2 * s)
 
 
-VALUES = [
-    ("0.1*sin(2*pi*t)", lambda t: 0.1 * np.sin(2 * np.pi * t)),
-    ("-t**2 + 3/(1 + t) - +2", lambda t: -(t**2) + 3 / (1 + t) - 2),
-    ("2**-t", lambda t: 2.0**-t),
-    ("where(0.2 < t <= 0.5, 1, -1)", lambda t: np.where((t > 0.2) & (t <= 0.5), 1, -1)),
-    ("where(not (t > 0.2 and t < 0.5 or t > 0.9), t, 0)",
-     lambda t: np.where(((t > 0.2) & (t < 0.5)) | (t > 0.9), 0, t)),
-    ("min(t, 0.5) + max(t, 0.25)", lambda t: np.minimum(t, 0.5) + np.maximum(t, 0.25)),
-    ("mod(3*t - 1, 0.7) + mod(t, -0.3)", lambda t: np.mod(3 * t - 1, 0.7) + np.mod(t, -0.3)),
-    ("(2*t - 1) % 0.31", lambda t: (2 * t - 1) - 0.31 * np.floor((2 * t - 1) / 0.31)),
-    ("smoothstep(0.25, 0.75, t)", lambda t: smoothstep(0.25, 0.75, t)),
-    ("floor(4*t) + sign(t - 0.5) + abs(t - 1)",
-     lambda t: np.floor(4 * t) + np.sign(t - 0.5) + np.abs(t - 1)),
-    ("exp(-t)*cos(t) + tanh(t) + tan(t) + sqrt(t) + log(1 + t)",
-     lambda t: np.exp(-t) * np.cos(t) + np.tanh(t) + np.tan(t) + np.sqrt(t) + np.log(1 + t)),
-    ("1e-3", lambda t: np.full_like(t, 1e-3)),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "expected"), VALUES, ids=[text for text, _ in VALUES])
-def test_value_of_arrays_and_of_scalars(text, expected):
-    t = np.linspace(0, 1, 41)
-    formula = Formula(text, ("t",))
-    assert formula(t=t) == pytest.approx(expected(t), rel=1e-14, abs=1e-14)
-    assert formula(t=t).shape == t.shape
-    assert type(formula(t=0.3)) is float
-    assert formula(t=0.3) == pytest.approx(float(expected(np.float64(0.3))), rel=1e-14)
-
-
 OF_NUMPY = {
     "a + b": np.add,
     "a - b": np.subtract,
@@ -132,68 +103,6 @@ def test_integers_are_doubles():
     assert Formula("1/2 + 10**-2")() == 0.51
 
 
-REFUSED = [
-    ("__import__('os').system('true')", "unknown function"),
-    ("t.real", "not allowed"),
-    ("t.__class__", "not allowed"),
-    ("lambda: 1", "not allowed"),
-    ("[t for t in (1, 2)]", "not allowed"),
-    ("(t for t in (1, 2))", "not allowed"),
-    ("t if t < 1 else 2", "not allowed"),
-    ("(t, 1)", "not allowed"),
-    ("t[0]", "not allowed"),
-    ("f'{t}'", "not allowed"),
-    ("(t := 3)", "not allowed"),
-    ("t // 2", "not allowed"),
-    ("t @ t", "not allowed"),
-    ("~1", "not allowed"),
-    ("await t", "not an expression|not allowed"),
-    ("eval('1')", "unknown function: 'eval'"),
-    ("(sin)(t)(t)", "unknown function"),
-    ("sin", "the function sin without arguments"),
-    ("sin + 1", "the function sin"),
-    ("sin()", "sin takes 1 argument"),
-    ("sin(t, t)", "sin takes 1 argument"),
-    ("min(t)", "min takes 2 arguments"),
-    ("sin(x=t)", "sin takes 1 argument"),
-    ("sin(*t)", "not allowed"),
-    ("1e999", "not a finite number"),
-    ("1" + "0" * 400, "not a finite number"),
-    ("1j", "not a finite number"),
-    ("True", "not a finite number"),
-    ("'a'", "not a finite number"),
-    ("None", "not a finite number"),
-    ("t < 1", "a comparison instead of a number"),
-    ("1 + (t < 1)", "a comparison instead of a number: 't < 1'"),
-    ("not t", "a comparison instead of a number"),
-    ("where(t, 1, 2)", "a condition such as X < 0.01 is needed here: 't'"),
-    ("where((t < 1) & (t > 0), 1, 2)", "Join conditions by and, or"),
-    ("where(t == 1, 1, 2)", "compare by < <= > >=.*For equality"),
-    ("where(t is t, 1, 2)", "compare by"),
-    ("t^2", "Powers are written \\*\\*"),
-    ("2 cm", "not an expression.*A formula has no units: .* as 0.02 for 2 cm"),
-    ("1.5e-3m/s", "A formula has no units"),
-    ("sin(t", "not an expression"),
-    ("", "not an expression"),
-    ("import os", "not an expression"),
-    ("t = 3", "not an expression"),
-    ("t; t", "not an expression"),
-    ("a\0b", "not an expression"),
-    ("(" * 240 + "t" + ")" * 240, "not an expression|nested"),
-    ("-" * 300 + "t", "nested more than"),
-    ("t" + "+t" * 200, "nested more than"),
-    ("where(" + "not " * 110 + "t < 1, 1, 2)", "nested more than"),
-    ("t+" * 300 + "t", "601 characters are more than 500"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "message"), REFUSED, ids=[text[:30] for text, _ in REFUSED])
-def test_everything_else_is_refused(text, message):
-    with pytest.raises(InputError, match=f"(?s)formula .*{message}") as caught:
-        Formula(text, ("t",))
-    assert "numbers, t, pi, + - * / **, sin" in caught.value.allowed
-
-
 def test_formulas_just_within_the_limits_are_accepted():
     assert Formula("-" * 90 + "t", ("t",)).at(2.0) == 2.0
     assert Formula("t + 0." + 480 * "0" + "1", ("t",)).at(2.0) == 2.0
@@ -230,12 +139,6 @@ def test_message_names_formula_piece_allowed_names_and_the_nearest():
     )
     with pytest.raises(InputError, match="Did you mean 'sqrt'"):
         Formula("sqr(t)", ("t",))
-
-
-@pytest.mark.parametrize("text", ["t", "1", "sin(t)", "t and 1"])
-def test_a_condition_must_be_one(text):
-    with pytest.raises(InputError, match="a condition such as"):
-        Formula(text, ("t",), condition=True)
 
 
 @pytest.mark.parametrize(
@@ -356,15 +259,6 @@ def test_derivative_on_a_kink_is_one_sided(text, at, slope):
     assert Formula(text, ("t",)).derivative("t").at(at) == slope
 
 
-def test_derivative_that_is_not_finite_or_does_not_exist():
-    with pytest.raises(InputError, match=r"derivative by t of formula 'sqrt\(t\)' is inf at t = 0"):
-        Formula("sqrt(t)", ("t",)).derivative("t")(t=0.0)
-    with pytest.raises(InputError, match="derivative by 'X': must be one of t"):
-        Formula("t", ("t",)).derivative("X")
-    with pytest.raises(InputError, match="derivative of the condition 't > 1'"):
-        Formula("t > 1", ("t",), condition=True).derivative("t")
-
-
 GROWING = {  # formulas whose derivatives, written out, grow faster than they do
     "products": lambda n: "*".join(f"(t + {i})" for i in range(n)),
     "sums of sines": lambda n: "*".join(f"sin({i}*t + 1)" for i in range(1, n + 1)),
@@ -398,41 +292,7 @@ def test_second_derivatives_are_exact(of):
     assert first.derivative("t").at(0.3) == pytest.approx(expected, rel=1e-6, abs=1e-8)
 
 
-@pytest.mark.parametrize(
-    "text", ["sin(" * 95 + "t" + ")" * 95, "+t" * 95, "(" * 90 + "t" + ")**2" * 90]
-)
-def test_derivative_of_the_deepest_formulas(text):
-    first = Formula(text, ("t",)).derivative("t")
-    assert first.at(0.99) >= 0
-    assert np.isfinite(first.derivative("t").at(0.99))
-
-
-def test_derivative_survives_pickling():
-    slope = Formula("t**2", ("t",)).derivative("t")
-    assert pickle.loads(pickle.dumps(slope)).at(3.0) == 6.0
-
-
 # --- speed ----------------------------------------------------------------------------------------
-
-
-def test_a_formula_is_parsed_once(monkeypatch):
-    texts = []
-
-    def parse(text, *arguments, **options):
-        texts.append(text)
-        return original(text, *arguments, **options)
-
-    original = ast.parse
-    monkeypatch.setattr(ast, "parse", parse)
-    formulas = [Formula(f"0.25*sin({i}*t)", ("t",)) for i in range(300)]
-    for _ in range(3):
-        for formula in formulas:
-            formula(t=0.1)
-            formula.at(0.1)
-            formula(t=np.linspace(0, 1, 5))
-    assert texts == [formula.text for formula in formulas]
-    formulas[-1].derivative("t").at(0.1)
-    assert len(texts) == 300
 
 
 @drawn(lambda st: [formulas(st, max_leaves=12), st.floats(-3, 3)], max_examples=200)

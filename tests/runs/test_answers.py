@@ -6,13 +6,11 @@ import math
 import re
 import shlex
 
-import meshio
 import numpy as np
 import pytest
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.errors import SceneError
 from fecloth.runs.outcome import finished_message
 from fecloth.simulation.probes import Probe
 
@@ -118,13 +116,6 @@ def test_what_was_measured_is_answered_beside_the_interest(run):
     assert result.quantities["folds"].unit == ""
 
 
-@pytest.mark.parametrize("entry", ["sagg = [1.0, 0.1]", "sag = [1.0, 0.0]", "sag = 1.0"])
-def test_a_wrong_measured_value_is_refused_before_the_run(entry, run, tmp_path):
-    with pytest.raises(SceneError, match="measured"):
-        run(SWING + f"\n[measured]\n{entry}\n")
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_quantity_without_a_value_is_null(run):
     """Natural frequencies are left out: a run does not compute them."""
     asked = (
@@ -147,14 +138,6 @@ def test_the_field_of_displacement_has_its_norm_and_the_error_over_the_area(run)
     assert answer.value == pytest.approx(norm, rel=1e-12)
     # a whole motion of the largest displacement would have the norm scale · √area
     assert answer.uncertainty == pytest.approx(result.time_error * answer.value, rel=0.2)
-
-
-def test_a_run_that_ends_early_answers_nothing(run):
-    result = run(
-        SWING, 'time.method={type = "symplectic_euler", beyond_limit = true}', "time.t_end=4"
-    )
-    assert result.status == "failed"
-    assert result.quantities == summary_of()["quantities"] == {}
 
 
 def test_python_and_scene_have_the_same_answers(run):
@@ -209,27 +192,3 @@ def test_the_command_in_the_line_runs(run, tmp_path, capsys):
     assert "sag = 0.03" in capsys.readouterr().out
     levels = (tmp_path / "study" / "results.csv").read_text().splitlines()
     assert len(levels) == 4
-
-
-def test_a_mesh_that_cannot_be_refined_names_no_command(run, tmp_path):
-    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.25, "cross")
-    points = [[*X, 0.0] for X in cloth.X]
-    meshio.write_points_cells(tmp_path / "sheet.vtu", points, {"triangle": cloth.triangles})
-    head, _, rest = SAG.strip().partition("\n")
-    assert head.startswith("cloth")
-    result = run(f'cloth = {{ shape = "file", path = "sheet.vtu" }}\n{rest}')
-    assert math.isnan(result.quantities["sag"].uncertainty)
-    assert "converge" not in finished_message(result)
-    assert "± not known" in finished_message(result)
-
-
-def test_a_scene_that_asks_for_stretches_and_volume_has_them(run):
-    """They are columns of a run only where they are asked for."""
-    names = ["largest_stretch", "least_stretch", "max largest_stretch", "volume"]
-    result = run(SAG, f"interest.quantities={json.dumps(names)}")
-    last = result.summary
-    for name in ("largest_stretch", "least_stretch"):
-        assert result.quantities[name].value == pytest.approx(last[name], rel=1e-6)
-    assert result.quantities["max largest_stretch"].value > 1.001
-    # a paraboloid of the same sag over the square has a volume of 4/9 of sag times area
-    assert 0.3 < -result.quantities["volume"].value / result.quantities["sag"].value < 0.6

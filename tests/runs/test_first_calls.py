@@ -7,7 +7,6 @@ import warnings
 import pytest
 
 import fecloth as fc
-from fecloth.linalg import mkl_pardiso
 from fecloth.runs.first_calls import compile_kernels, list_first_calls
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.fixed_step import FixedStep
@@ -84,17 +83,6 @@ def test_the_steps_of_a_run_compile_nothing(scene, tmp_path):
     assert done.stdout.split() == []
 
 
-def test_the_list_names_what_is_called(tmp_path):
-    file = tmp_path / "scene.toml"
-    file.write_text(CLAMPED)
-    names = [call.name for call in list_first_calls(load_scene(file).build())]
-    for term in ("StVK", "HingeBending"):
-        for function in ("add_force", "energy", "add_tangent"):
-            assert f"{term}.{function}" in names
-            assert f"{term} over a step.{function}" in names or function == "energy"
-    assert {"superlu", "pcg", "mass", "row", "frame"} < set(names)
-
-
 def test_an_explicit_run_makes_no_matrix(tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(CLAMPED.replace('"energy_momentum", dt = 0.005', '"central_difference"'))
@@ -104,16 +92,6 @@ def test_an_explicit_run_makes_no_matrix(tmp_path):
     assert "StVK.add_force" in names
     assert not {"StVK.add_tangent", "mass", "superlu"} & set(names)
     assert "pattern" not in vars(problem.system.layout)
-
-
-def test_the_mkl_is_not_loaded_for_the_solver_auto(tmp_path, monkeypatch):
-    def fail():
-        raise AssertionError("the MKL is loaded")
-
-    monkeypatch.setattr(mkl_pardiso, "routine", fail)
-    for scene in (CONTACT, STATIC_REGIONS):
-        (tmp_path / "scene.toml").write_text(scene)
-        compile_kernels(load_scene(tmp_path / "scene.toml").build())
 
 
 def test_errors_and_warnings_of_a_term_are_not_suppressed():

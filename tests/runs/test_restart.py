@@ -1,6 +1,5 @@
 """A run that is broken off and goes on: bit for bit the unbroken one, or refused."""
 
-import gc
 import json
 import multiprocessing
 import os
@@ -9,7 +8,6 @@ import re
 import shutil
 import signal
 import time
-import tracemalloc
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,13 +22,11 @@ from fecloth import integrators
 from fecloth.cli.main import main
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.nonlinear.statistics import Counts
-from fecloth.output.frames import Frames, read_frame
+from fecloth.output.frames import read_frame
 from fecloth.runs import restart
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
-from fecloth.simulation.energy_balance import Balance
-from fecloth.system.state import State
 from fecloth.terms.records import remembered
 
 TEXT = """
@@ -210,16 +206,6 @@ def test_no_restart_file_goes_before_the_next_would_survive_a_power_cut(
         "restart_000000060.npz",
     ]
     assert missed == []
-
-
-@pytest.mark.stories
-def test_a_run_whose_lists_of_frames_were_lost_writes_them_again(scene, tmp_path):
-    run_scene(load_scene(scene), tmp_path / "whole")
-    interrupted(scene, tmp_path / "out", 70)
-    for name in ("run.pvd", "run.vtu.series"):
-        (tmp_path / "out" / name).unlink()
-    go(scene, tmp_path / "out", resume=True)
-    assert written(tmp_path / "out") == written(tmp_path / "whole")
 
 
 # --- what goes on, and what does not --------------------------------------------------------------
@@ -465,60 +451,3 @@ def test_a_memory_is_refused_where_it_does_not_fit(isotropic):
         next(fc.march(system, fc.BackwardEuler(), state, 0.01, 0.01, memory=info.memory))
     with pytest.raises(fc.InputError, match="the method that Auto chose"):
         next(fc.march(system, fc.Auto(), state, t_end=0.05, memory=info.memory))
-
-
-@pytest.mark.stories
-def test_frames_take_no_memory(tmp_path):
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=1.0, pattern="right")
-    x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-    frames = Frames(tmp_path / "run", cloth)
-
-    def grown(first, last):
-        gc.collect()
-        before = tracemalloc.take_snapshot()
-        for t in range(first, last):
-            frames.add(State(float(t), x, x))
-        gc.collect()
-        after = tracemalloc.take_snapshot()
-        mine = [tracemalloc.Filter(True, "*fecloth*")]
-        change = after.filter_traces(mine).compare_to(before.filter_traces(mine), "filename")
-        return sum(one.size_diff for one in change)
-
-    tracemalloc.start()
-    try:
-        grown(0, 200)  # fills what Python keeps for its next objects
-        assert grown(200, 600) < 400 * 16
-    finally:
-        tracemalloc.stop()
-    listed = json.loads((tmp_path / "run.vtu.series").read_text())["files"]
-    assert [entry["time"] for entry in listed] == list(range(600))
-
-
-def test_a_solver_that_has_dropped_is_a_new_one(isotropic):
-    cloth = fc.Cloth.rectangle(2.0, 0.5, h=0.1, pattern="cross")
-    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
-    used, _ = fc.solver_for(system, fc.BDF2(), 0.3)
-    for _ in fc.march(system, fc.BDF2(), system.rest(), 0.3, 3.0, solver=used):
-        pass
-    used.linear._use("direct")  # as where it costs the least
-    used.drop()
-    new, _ = fc.solver_for(system, fc.BDF2(), 0.3)
-    assert used.factor_reuse == new.factor_reuse
-    told, expected = (dict(vars(one.linear)) for one in (used, new))
-    for each in (told, expected):
-        each["_solvers"] = sorted(each["_solvers"])
-        for key in ("_make", "_solver", "prepared", "work"):
-            del each[key]
-    assert told == expected
-
-
-def test_a_ledger_of_a_free_cloth_is_read_back_as_it_was():
-    """And its energy balance."""
-    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.5, pattern="right")
-    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity(), fc.Drag(1.0)])
-    ledger, arrays = fc.Ledger.open(system, system.rest()), []
-    balance = Balance.open(system, system.rest(), ledger)
-    for record in (ledger, balance):
-        header = json.dumps(restart._pack(record, arrays))
-        assert restart._unpack(json.loads(header), arrays) == record
-    assert ledger.resisting == ("Drag",)

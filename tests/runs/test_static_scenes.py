@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from scipy.linalg import eigvalsh
 from support.inflated import shooting
-from support.rundirs import written
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -143,13 +142,6 @@ def test_ctrl_c_stops_after_a_load_step(scene, tmp_path, capsys, monkeypatch):
     assert (summary["status"], summary["steps"]) == ("interrupted", 2)
 
 
-def test_a_complete_run_stays_as_it_is(scene):
-    assert main(["run", str(scene), "-o", "out", "--quiet"]) == 0
-    before = written("out")
-    assert main(["run", str(scene), "--resume", "out", "--quiet"]) == 0
-    assert written("out") == before
-
-
 @pytest.mark.stories
 def test_a_picture_is_of_a_part_of_the_loads(scene, capsys, tmp_path):
     pytest.importorskip("pyvista")
@@ -219,19 +211,6 @@ def test_stability_without_stiffness_and_without_freedom():
     assert not rest.doubts()
 
 
-def test_what_slides_comes_to_rest(scene, tmp_path):
-    """A hanging strip whose sides slide: the closed form of its sum of forces, no false alarm."""
-    sets = [
-        "terms=[{type='StVK'}, {type='Gravity', acceleration=[0, -9.81, 0]}]",
-        "pins=[{where='top', name='top'}, {inside='Y < 0.49', normal=[0, 0, 1], name='plane'}]",
-    ]
-    outcome = run_scene(load_scene(scene, sets), tmp_path / "hung")
-    assert outcome.status == "done"
-    assert not outcome.warnings
-    for row in rows(tmp_path / "hung/observed.csv")[1:]:
-        assert row["reaction:top.y"] == pytest.approx(row["t"] * 0.3 * 9.81 * 0.5, rel=1e-8)
-
-
 def test_a_load_without_a_balance_fails_and_leaves_what_it_has(scene, tmp_path, capsys):
     sets = ["terms=[{type='StVK'}, {type='Gravity'}]", "pins=[]"]
     words = [word for one in sets for word in ("--set", one)]
@@ -247,65 +226,12 @@ def test_a_load_without_a_balance_fails_and_leaves_what_it_has(scene, tmp_path, 
     )
 
 
-def test_modes_are_those_about_the_equilibrium(scene, capsys):
-    assert main(["modes", str(scene), "-n", "3"]) == 0
-    printed = capsys.readouterr()
-    problem = load_scene(scene).build()
-    found = fc.modes(problem.system, fc.equilibrium(problem.system, problem.start), count=3)
-    lines = [float(line) for line in printed.out.splitlines()]
-    assert lines == pytest.approx(found.frequencies, rel=1e-4)
-    assert "stable" in printed.err
-
-
-def test_info_says_what_it_would_do(scene, capsys):
-    assert main(["info", str(scene)]) == 0
-    printed = capsys.readouterr().out
-    assert "static equilibrium in 4 load steps" in printed
-    assert "explicit" not in printed
-
-
 @pytest.mark.stories
 def test_the_example_expects_the_height_of_the_exact_membrane():
     scene = load_scene(SCENES / "inflated_disk.toml")
     height, _ = shooting(500.0)
     assert scene.expect["middle.z"][0].value == pytest.approx(height, rel=1e-5)
     assert main(["check", str(SCENES / "inflated_disk.toml"), "--quiet"]) == 0
-
-
-MISTAKES = {
-    "time.t_end=1.0": "time and equilibrium are given: a scene has one of them",
-    "time.dt=1": "it is static, without time and dt. Leave out the other.",
-    "equilibrium.load_steps=0": "load_steps = 0: must be a whole number >= 1",
-    "equilibrium.tolerance=2.0": "tolerance = 2.0: must be a finite number >= 1e-13 and < 1",
-    "equilibrium.dt=0.1": "dt = 0.1: unknown key; the keys are tolerance, load_steps",
-    "start.velocity=['0', '0', '1']": "start.velocity is given: needs [time]",
-    "output.every=0.5": "output.every is given: needs [time]",
-    "solver.linear=pcg": 'solver.linear = "pcg": needs [time]',
-    "solver.tolerance=1e-3": "[solver] has more than linear: needs [time]",
-}
-
-
-@pytest.mark.parametrize("override", MISTAKES)
-def test_mistakes_are_refused(scene, override):
-    with pytest.raises(SceneError) as refused:
-        load_scene(scene, [override])
-    assert MISTAKES[override] in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    "term",
-    [
-        "{type='Pressure', pressure='10 * sin(2 * pi * t)'}",
-        "{type='Wind', velocity=['5 * t', 0, 0], normal=1.0}",
-        "{type='Tether', where='left', point=['0', '0', 't'], stiffness=10}",
-    ],
-)
-def test_loads_that_change_in_time_are_refused(scene, term):
-    terms = f"terms=[{{type='StVK'}}, {term}]"
-    with pytest.raises(
-        SceneError, match=r"terms: \w+: must not depend on t in a scene with \[equil"
-    ):
-        load_scene(scene, [terms]).build()
 
 
 def test_a_scene_needs_time_or_equilibrium(scene):
@@ -366,16 +292,6 @@ def test_a_specimen_is_drawn_in_load_steps(tmp_path):
     problem = load_scene(file).build()
     end = last_frame(tmp_path / "out", problem, 4)
     np.testing.assert_allclose(end.x[problem.cloth.nodes("right"), 0], 0.24, atol=1e-12)
-
-
-def test_half_of_a_path_is_the_path_of_half_the_way(tmp_path):
-    file = tmp_path / "drawn.toml"
-    file.write_text(DRAWN)
-    problem = load_scene(file).build()
-    half = load_scene(file, ["pins.2.motion=['0.02 * t', '0', '0']"]).build()
-    x = [fc.equilibrium(p.system, p.start, load_steps=n).x for p, n in ((problem, 4), (half, 2))]
-    strains = [values[:, 0].max() - 0.2 for values in x]
-    assert strains == pytest.approx([0.04, 0.02], abs=1e-12)
 
 
 def test_the_plan_of_a_scene_loads_no_library(scene, monkeypatch):

@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 
 import fecloth as fc
@@ -66,30 +65,12 @@ def test_a_run_that_resolves_nothing_warns(run):
     assert warned == list(outcome.doubts)
 
 
-def test_a_run_at_rest_has_no_estimate(run):
-    outcome = run("start.velocity=['0','0','0']", "start.position=['X','Y','0']")
-    assert outcome.summary["time_error"] is None
-    assert words_of(outcome)[2]["time_error"] is None
-
-
 @pytest.mark.stories
 def test_a_resumed_run_says_the_same(run):
     whole = run()
     run("time.t_end=0.06", name="parts")
     parts = run(name="parts", resume=True)
     assert parts.summary["time_error"] == pytest.approx(whole.summary["time_error"], rel=0.02)
-
-
-def test_the_same_in_python(run):
-    outcome = run()
-    cloth = fc.Cloth.rectangle(0.6, 0.4, h=0.2, pattern="right")
-    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK()], ["boundary"])
-    X, Y = cloth.X.T
-    v = np.column_stack([0 * X, 0 * X, np.sin(np.pi * X / 0.6) * np.sin(np.pi * Y / 0.4)])
-    start = system.state(np.column_stack([1.02 * X, 1.02 * Y, 0 * X]), v)
-    result = fc.run(system, fc.BDF2(), start, 0.001, 0.1)
-    assert result.time_error == pytest.approx(outcome.summary["time_error"], rel=0.02)
-    assert "error in time at most" in repr(result)
 
 
 def test_a_scene_names_the_estimate(run):

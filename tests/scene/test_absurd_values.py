@@ -1,13 +1,11 @@
 """Values far beyond any cloth are refused by name, without a warning of NumPy."""
 
-import warnings
-
 import numpy as np
 import pytest
 
 import fecloth as fc
 from fecloth.errors import InputError, MeshError
-from fecloth.simulation.step_times import coarse_clock, step_times
+from fecloth.simulation.step_times import coarse_clock
 from fecloth.system.pins import Motion
 
 SCENE = """
@@ -17,26 +15,6 @@ terms = [{ type = "StVK" }, { type = "Gravity" }]
 pins = [{ where = "left" }]
 time = { method = "bdf2", dt = 0.01, t_end = 0.1 }
 """
-
-
-@pytest.mark.parametrize(
-    ("override", "words"),
-    [
-        ("start.shift=[1e300,0,0]", r"start\.shift: a node 1e\+300 m away"),
-        ("start.shift=[0,-1e12,0]", r"start\.shift: a node 1e\+12 m away"),
-        ('start.position=["1e100*X","Y","0"]', r"start\.position: a node 1e\+100 m away"),
-        ('start.velocity=["1e100","0","0"]', r"start\.velocity: a node with 1e\+100 m/s"),
-        ("terms.1.acceleration=[0,0,-1e300]", r"terms: Gravity: .*e\+29\d N on a node"),
-        ("terms.1.acceleration=[0,1e30,0]", r"terms: Gravity: .*e\+2\d N on a node"),
-        ("cloth.width=1e300", r"width = 1e\+300 m: must be at most 1e\+09 m"),
-        ('cloth={shape="disk",radius=1e200,h=1e199}', r"radius = 1e\+200 m"),
-        ("time.t_start=1e12", r"t_end"),
-    ],
-)
-def test_a_value_beyond_all_measure_is_refused_by_its_name(tmp_path, override, words):
-    (tmp_path / "sheet.toml").write_text(SCENE)
-    with warnings.catch_warnings(action="error"), pytest.raises(InputError, match=words):
-        fc.load_scene(tmp_path / "sheet.toml", [override]).build()
 
 
 def load(tmp_path, *overrides, text=SCENE):
@@ -80,17 +58,6 @@ def test_a_motion_of_the_place_is_checked_at_some_of_the_times(tmp_path, monkeyp
     assert 300_000 < 3 * counts[1] <= 1_000_000
 
 
-@pytest.mark.parametrize("start", [1e12, -1e12, 1e9, 1e14])
-@pytest.mark.parametrize("dt", [1e-5, 1e-6])
-def test_steps_below_the_rounding_of_the_time_are_refused(tmp_path, start, dt):
-    (tmp_path / "sheet.toml").write_text(SCENE)
-    times = [f"time.t_start={start!r}", f"time.t_end={start + 1.0!r}", f"time.dt={dt!r}"]
-    with pytest.raises(InputError, match="is known to .* which must be below 0.001 dt"):
-        fc.load_scene(tmp_path / "sheet.toml", times)
-    with pytest.raises(InputError, match="Start earlier"):
-        step_times(start, dt, start + 1.0)
-
-
 def test_ordinary_times_are_allowed():
     for t, dt in ((0.0, 1e-9), (1.0, 1e-9), (3600.0, 1e-8), (1e6, 1e-3), (1e12, 1.0)):
         assert coarse_clock(t, dt) == ""
@@ -108,12 +75,6 @@ def test_chosen_steps_below_the_rounding_of_the_time_fail(method):
 
 
 # --- meshes ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("scale", [1e300, 1e160, 1e10])
-def test_coordinates_beyond_all_measure_are_refused(scale):
-    with warnings.catch_warnings(action="error"), pytest.raises(MeshError, match="too far away"):
-        fc.Cloth.from_arrays(scale * np.array([[0.0, 0], [1, 0], [0, 1]]), [[0, 1, 2]])
 
 
 def fan(degrees: float, parts: int, is_closed: bool = False):

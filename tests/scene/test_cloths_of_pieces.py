@@ -106,35 +106,6 @@ def test_mistakes_are_named(old, new, message, tmp_path):
         load_scene(written(tmp_path, TEXT.replace(old, new, 1))).build()
 
 
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        (["one"], "2 different names"),
-        (["one", "one"], "2 different names"),
-        (["one", "a/b"], "without '/'"),
-        (["one", ""], "1 to 100 printed characters"),
-        (["one", "two\n"], "1 to 100 printed characters"),
-        (["one", "a\u2028b"], "1 to 100 printed characters"),
-        (["one", 125 * "a"], "1 to 100 printed characters"),
-    ],
-)
-def test_names_of_joined_pieces(names, message):
-    piece = fc.Cloth.rectangle(1.0, 1.0, 0.5, pattern="right")
-    with pytest.raises(InputError, match=message):
-        fc.Cloth.join([piece, piece], names)
-    with pytest.raises(InputError, match="at least two"):
-        fc.Cloth.join([piece], ["one"])
-    quadratic = fc.Cloth.rectangle(1.0, 1.0, 0.5, pattern="right", element="P2")
-    with pytest.raises(InputError, match="one element"):
-        fc.Cloth.join([piece, quadratic], ["one", "two"])
-
-
-def test_a_name_of_a_piece_may_have_spaces_and_80_characters():
-    piece = fc.Cloth.rectangle(1.0, 1.0, 0.5, pattern="right")
-    name = "left sleeve" + 69 * "e"
-    assert name in fc.Cloth.join([piece, piece], ["one", name]).node_sets
-
-
 def test_a_study_of_the_mesh_of_pieces_is_refused_with_its_remedy(tmp_path):
     scene = load_scene(written(tmp_path, TEXT.replace("ELEMENT", "P1")))
     with pytest.raises(InputError, match="open a function of h in Python"):

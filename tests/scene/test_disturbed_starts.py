@@ -90,28 +90,6 @@ def test_the_mode_is_that_of_fecloth_modes(scene):
     np.testing.assert_allclose(way, 1e-3 * shape / abs(shape).max(), atol=1e-9)
 
 
-def test_check_takes_a_disturbed_start(scene):
-    assert main(["check", str(scene), "--set", "start.disturb=1 mm"]) == 0
-
-
-@pytest.mark.parametrize(
-    ("keys", "key"),
-    [
-        (["start.mode=1"], "start.mode"),
-        (["start.amplitude=1e-3"], "start.amplitude"),
-        (["start.mode=0", "start.amplitude=1e-3"], "start.mode"),
-        (["start.mode=5000", "start.amplitude=1e-3"], "start.mode"),
-        (["start.disturb=0"], "start.disturb"),
-        (["start.disturb=1 kg"], "start.disturb"),
-        (["start.disturb=1 mm", *BY_MODE], "start"),
-    ],
-)
-def test_what_cannot_be_a_disturbance_is_refused_by_its_key(keys, key, scene):
-    with pytest.raises(SceneError) as caught:
-        fc.load_scene(scene, keys).build()
-    assert key in str(caught.value)
-
-
 def test_pieces_have_no_disturbed_start(scene, tmp_path):
     piece = '{ shape = "rectangle", width = 0.1, height = 0.1, h = 0.1'
     text = COMPRESSED[COMPRESSED.index("[fabric]") : COMPRESSED.index("[[pins]]")]

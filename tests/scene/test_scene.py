@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import pickle
 import tempfile
 import tomllib
@@ -20,7 +19,7 @@ from fecloth import terms
 from fecloth.integrators import METHODS
 from fecloth.output import frames
 from fecloth.scene.scene import Scene, load_scene
-from fecloth.scene.toml_text import override, read, to_toml
+from fecloth.scene.toml_text import read, to_toml
 from fecloth.simulation.stability_limited import StabilityLimited
 from studies.references import sagging_square
 from studies.references.closed_forms import hanging_strip_mean, hanging_strip_tip
@@ -142,24 +141,6 @@ def test_a_term_of_a_scene_is_that_of_python_and_survives_the_round_trip(file, t
     assert load_scene(again) == scene
 
 
-def test_a_formula_of_a_term_with_an_unknown_name_is_refused(file):
-    with pytest.raises(fc.SceneError, match="terms.0: formula '-q', unknown name 'q'"):
-        load_scene(file, ["terms.0={ type='UserForce', force=['-q', 0, 0] }"])
-
-
-def test_a_method_with_parameters_is_a_table():
-    from fecloth.scene.table_model import table_of
-
-    @dataclasses.dataclass(frozen=True)
-    class Newmark:
-        beta: float = 0.25
-
-    table = table_of(Newmark, "newmark")
-    assert table.model_validate({"type": "newmark", "beta": 0.3}).make() == Newmark(0.3)
-    with pytest.raises(ValueError, match=r"gamma = 0\.5"):
-        table.model_validate({"type": "newmark", "gamma": 0.5})
-
-
 ALONG = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}
 
 
@@ -183,17 +164,6 @@ def test_start_from_formulas(file):
     X, Y = built.cloth.X.T
     np.testing.assert_allclose(built.start.x, np.stack([X, 0.01 * np.sin(np.pi * X), Y], 1))
     np.testing.assert_allclose(built.start.v, np.stack([0 * X, X * Y, 1 + 0 * X], 1))
-
-
-def test_rotation_keeps_lengths_and_the_axis():
-    from fecloth.scene.placement import Rotation
-
-    x = np.random.default_rng(1).normal(size=(5, 3))
-    turned = Rotation(axis=(1.0, 2.0, -1.0), degrees=40.0).apply(x)
-    np.testing.assert_allclose(turned @ turned.T, x @ x.T, atol=1e-14)
-    np.testing.assert_allclose(turned @ [1, 2, -1], x @ [1, 2, -1], atol=1e-14)
-    sixty = Rotation(axis=(0.0, 0.0, 3.0), degrees=60.0).apply(np.eye(3))
-    np.testing.assert_allclose(sixty[0], [0.5, math.sqrt(0.75), 0], atol=1e-15)
 
 
 def test_start_from_the_frame_of_a_run(file):
@@ -227,17 +197,6 @@ def test_steps_between_frames(file, table, steps):
     assert load_scene(file, [f"output={table}", "time.t_end=1.0"]).build().frame_steps == steps
 
 
-def test_consistent_mass(file):
-    mass = load_scene(file, ["mass=consistent"]).build().system.scalar_mass
-    assert np.count_nonzero(mass.toarray()) > mass.shape[0]
-
-
-def test_solver_options(file):
-    built = load_scene(file, ["solver.linear=pcg", "solver.tolerance=1e-4"]).build()
-    assert built.linear == "pcg"
-    assert built.newton == fc.Newton(tolerance=1e-4)
-
-
 def test_a_motion_of_x_and_y_gathers_an_edge(file):
     drawn = "-0.02 * X * smoothstep(0, 0.1, t)"
     moved = f"pins=[{{inside='X > 0.6', motion=['{drawn}', '0', '0.1 * X * Y * t']}}]"
@@ -253,20 +212,7 @@ def test_a_motion_of_x_and_y_gathers_an_edge(file):
     np.testing.assert_allclose(end.x[nodes], built.start.x[nodes] + expected, rtol=0, atol=1e-12)
 
 
-def test_a_motion_of_t_alone_is_one_vector_for_all_nodes(file):
-    pin = next(iter(load_scene(file).build().system.constraints.groups.values()))[0]
-    assert pin.motion(0.25).shape == (3,)
-    assert pin.motion.formulas[1].variables == ("t",)
-
-
 # --- mistakes -------------------------------------------------------------------------------------
-
-
-def test_a_clamp_leaves_mistakes_of_terms_to_them(file):
-    """With a clamped pin each term is tried without the pins, and the wrong one is named."""
-    terms = "terms=[{type='StVK'}, {type='PlateBending', rest=[0.1, 0.2]}]"
-    message = refusal(file, "fabric.bending_rigidity=1e-5", "pins.0.clamp=true", terms)
-    assert "terms.1: rest has 2 angles: must be one angle or 18, one for each hinge" in message
 
 
 def test_method_and_step_are_chosen_where_both_are_left_out(file):
@@ -294,12 +240,6 @@ def test_remedy_for_a_node_of_two_slides_works(file):
     assert np.array_equal(system.constraints.projectors[at], np.diag([0.0, 0.0, 1.0]))
 
 
-def test_a_frame_excludes_the_other_ways_to_start(file):
-    (file.parent / "a.vtu").write_text("")
-    message = refusal(file, "start={frame='a.vtu', shift=[0, 0, 1]}")
-    assert "start.shift is given: a frame has its own x and v" in message
-
-
 def test_several_mistakes_are_reported_one_a_line(file):
     given = "time.dt=0", "mass=3", "title=3", "fabric.areal_density=-1"
     with pytest.raises(fc.SceneError) as caught:
@@ -322,13 +262,6 @@ def test_all_unknown_or_missing_keys_of_a_table_are_reported(file):
         "cloth.radius is missing",
         "cloth.h is missing",
     ]
-
-
-def test_broken_mesh_is_refused_by_its_own_message(file):
-    mesh = "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"
-    (file.parent / "flat.obj").write_text(mesh)
-    message = refusal(file, "cloth={shape='file', path='flat.obj'}")
-    assert f"cloth: {file.parent / 'flat.obj'}: 1 zero-area triangle:" in message
 
 
 UNCLOSED = "not TOML ({}). A text has no closing quotation mark."
@@ -415,33 +348,6 @@ def test_overrides_replace_values_and_leave_the_rest(file):
     assert load_scene(file, ["time.method=backward_euler"]).time.method.make() == fc.BackwardEuler()
 
 
-def test_overrides_do_not_change_their_input():
-    data = {"terms": [{"k": 1}]}
-    assert override(data, ["terms.0.k=2"]) == {"terms": [{"k": 2}]}
-    assert data == {"terms": [{"k": 1}]}
-
-
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ("time.dt", 'no key=value: write it like "time.dt=0.005"'),
-        ("=3", "no key=value"),
-        ("time.dt=", "no key=value"),
-        ("time..dt=3", "key 'time..dt' is not a dotted key"),
-        ("time.dt=1 2", "value '1 2' is not TOML"),
-        ("time.dt=1\n[fabric]", r"is not TOML|unpack"),
-        ("time.dt.x=3", "time.dt = 0.01: is no table"),
-        ("terms.7.k=1", "item '7' of terms: must be 0 to 2"),
-        ("terms.x=1", "item 'x' of terms: must be 0 to 2"),
-        ("terms.-1=1", "item '-1' of terms: must be 0 to 2"),
-    ],
-)
-def test_overrides_that_cannot_be_read(file, override, message):
-    with pytest.raises(fc.SceneError, match=message) as caught:
-        load_scene(file, [override])
-    assert caught.value.where == f"override {override!r}"
-
-
 # --- back to text ---------------------------------------------------------------------------------
 
 
@@ -509,107 +415,6 @@ def test_any_tables_survive_the_writer(data):
         path = Path(folder) / "writer.toml"
         path.write_text(to_toml(data), encoding="utf-8", newline="")
         assert read(path) == data
-
-
-def positive(st):
-    return st.floats(1e-6, 1e6)
-
-
-def pairs(st):
-    return st.one_of(positive(st), st.tuples(positive(st), positive(st)).map(list))
-
-
-def vectors(st):
-    return st.lists(numbers(st), min_size=3, max_size=3)
-
-
-def starts(st):
-    formulas = st.lists(st.sampled_from(["0", "0.1*X", "sin(pi*Y)"]), min_size=3, max_size=3)
-    turn = st.fixed_dictionaries({"axis": st.just([0, 1, 0]), "degrees": numbers(st)})
-    planes = st.fixed_dictionaries(
-        {"plane": st.sampled_from(["xy", "xz", "yz"])},
-        optional={"rotate": turn, "shift": vectors(st), "velocity": formulas},
-    )
-    return st.one_of(st.just({}), planes, st.fixed_dictionaries({"position": formulas}))
-
-
-def scene_terms(st):
-    laws = st.one_of(
-        st.just({"type": "StVK"}), positive(st).map(lambda k: {"type": "TensorCondition", "k": k})
-    )
-    damping = st.fixed_dictionaries(
-        {"type": st.just("StrainRateDamping"), "time": positive(st)},
-        optional={"law": laws, "tangent": st.sampled_from(["exact", "symmetric"])},
-    )
-    gravity = vectors(st).map(lambda a: {"type": "Gravity", "acceleration": a})
-    return st.one_of(laws, gravity, damping)
-
-
-def scene_cloths(st):
-    disk = {"shape": st.just("disk"), "radius": numbers(st), "h": positive(st)}
-    sides = {"width": positive(st), "height": positive(st), "h": positive(st)}
-    rectangle = {"shape": st.just("rectangle")} | sides
-    return st.one_of(st.fixed_dictionaries(disk), st.fixed_dictionaries(rectangle))
-
-
-def scene_times(st):
-    method = st.one_of(st.sampled_from(sorted(METHODS)), st.just({"type": "backward_euler"}))
-    times = {"method": method, "dt": st.floats(0.1, 1), "t_end": st.floats(1e-6, 1e3)}
-    return st.fixed_dictionaries(times)
-
-
-def scene_fabrics(st):
-    given = {
-        "areal_density": positive(st),
-        "tensile_stiffness": pairs(st),
-        "shear_stiffness": positive(st),
-    }
-    return st.fixed_dictionaries(given, optional={"bending_rigidity": pairs(st)})
-
-
-def scene_pins(st):
-    by_name = st.fixed_dictionaries({"where": texts(st)}, optional={"name": st.just("a-b c_1")})
-    moved = st.just({"inside": "X < 0.1", "motion": ["t", "0", "-t**2"]})
-    return st.lists(st.one_of(by_name, moved), max_size=2)
-
-
-def scene_expectations(st):
-    value = st.fixed_dictionaries(
-        {"value": numbers(st), "absolute": positive(st)}, optional={"at": st.floats(0, 1e-6)}
-    )
-    values = st.one_of(value, st.lists(value, min_size=1, max_size=2))
-    return st.dictionaries(texts(st), values, max_size=2)
-
-
-def valid_scenes(st):
-    return st.fixed_dictionaries(
-        {"cloth": scene_cloths(st), "fabric": scene_fabrics(st), "time": scene_times(st)},
-        optional={
-            "title": texts(st),
-            "mass": st.sampled_from(["lumped", "consistent"]),
-            "terms": st.lists(scene_terms(st), max_size=3),
-            "pins": scene_pins(st),
-            "start": starts(st),
-            "solver": st.fixed_dictionaries({}, optional={"tolerance": st.floats(1e-12, 0.5)}),
-            "output": st.sampled_from([{}, {"frames": 7}, {"every": 1.5}, {"every_steps": 2}]),
-            "probes": st.sampled_from([[], [{"name": "p", "where": "top"}]]),
-            "interest": st.just({"end": ["displacement", "sag"], "path": ["p"]}),
-            "expect": scene_expectations(st),
-        },
-    )
-
-
-@drawn(lambda st: [valid_scenes(st)], max_examples=100)
-def test_any_valid_scene_loads_again_to_an_equal_one(data):
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scene.toml"
-        path.write_text(to_toml(data), encoding="utf-8", newline="")
-        scene = load_scene(path)
-        path.write_text(scene.to_toml(), encoding="utf-8", newline="")
-        assert load_scene(path) == scene
-        assert load_scene(path).to_toml() == scene.to_toml()
-    assert len(scene.terms) == len(data.get("terms", []))
-    assert scene.time.dt == data["time"]["dt"]
 
 
 # --- after the run --------------------------------------------------------------------------------

@@ -105,12 +105,6 @@ def test_round_trip(line, fabric, file, tmp_path):
     assert load_scene(path).to_toml() == scene.to_toml()
 
 
-def test_overrides_reach_a_region(file):
-    built = load_scene(file(), ["fabrics.hem.areal_density=0.5", "grain_degrees=10"]).build()
-    assert built.system.fabric["hem"].areal_density == 0.5
-    assert built.system.grain == math.radians(10)
-
-
 @pytest.mark.parametrize(
     ("parts", "override", "said"),
     [

@@ -137,12 +137,6 @@ def test_accounts_read_those_before_them_after_the_same_step():
     assert accounts.get(Ledger) is None
 
 
-def test_a_changed_account_is_the_one_that_replace_makes():
-    account = Fastest(3.0)
-    assert account.changed(ended=True) == replace(account, ended=True)
-    assert (account, account.changed()) == (Fastest(3.0), account)
-
-
 def test_only_the_first_doubt_of_a_kind_is_new():
     accounts = Accounts({"fastest": Fastest(0.5)})
     (first,) = accounts.new_doubts([])

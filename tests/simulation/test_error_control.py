@@ -155,36 +155,6 @@ def test_fixed_steps_land_on_them_too(swing):
     assert [s.t for s, _ in march] == pytest.approx([0.04, 0.05, 0.09, 0.1], abs=1e-15)
 
 
-@pytest.mark.stories
-def test_a_stop_changes_the_steps_after_it_little(swing):
-    """The memory of BDF2 goes through a stop: the error stays the tolerance's."""
-    system, start, exact = swing
-    stops = np.linspace(0.01, 0.14, 10)
-    *_, (end, _) = fc.march(
-        system, fc.Adaptive(fc.BDF2(), 1e-3), start, t_end=T_END, stops=stops, newton=TIGHT
-    )
-    *_, (free, _) = fc.march(system, fc.Adaptive(fc.BDF2(), 1e-3), start, t_end=T_END, newton=TIGHT)
-    assert rms(system, end.x - exact) < 2 * rms(system, free.x - exact)
-
-
-def test_the_balance_of_adaptive_steps_closes(swing):
-    """Newton's tolerance is what remains; the method's own dissipation is in its column."""
-    system, start, _ = swing
-    adaptive = fc.Adaptive(fc.EnergyMomentum(), 1e-2)
-    result = fc.run(system, adaptive, start, t_end=T_END, newton=TIGHT)
-    energies = result.energies
-    turnover = energies["kinetic"][-1] + energies["dissipated:StrainRateDamping"][-1]
-    assert abs(energies["remainder"][-1]) < 1e-8 * turnover
-
-
-def test_a_dt_beside_it_is_refused(swing):
-    system, start, _ = swing
-    with pytest.raises(fc.InputError, match="dt = 0.01: must be left out: Adaptive chooses"):
-        next(fc.march(system, fc.Adaptive(fc.BDF2()), start, 0.01, T_END))
-    with pytest.raises(fc.InputError, match="dt = None: must be a number.*Adaptive"):
-        next(fc.march(system, fc.BDF2(), start, t_end=T_END))
-
-
 # --- what the ends of a step do not show ----------------------------------------------------------
 
 
@@ -219,31 +189,11 @@ def resolved_peak():
     return peak_of(quiet_sheet(motion=pulse), fc.CentralDifference())
 
 
-@pytest.mark.stories
-def test_load_that_starts_later_is_resolved():
-    def load(x, v, t):
-        return np.full_like(x, 0.2 if 0.3 < t < 0.4 else 0.0)
-
-    system = quiet_sheet(load=load)
-    resolved = fc.run(system, fc.CentralDifference(), system.rest(), t_end=0.5)
-    result = fc.run(system, fc.Adaptive(fc.BDF2(), 1e-2), system.rest(), t_end=0.5)
-    ends = [r.observed["mean_displacement.z"][-1] for r in (resolved, result)]
-    assert abs(ends[0]) > 0.01
-    assert ends[1] == pytest.approx(ends[0], rel=0.05)
-
-
 def test_a_smooth_motion_is_no_reason_for_short_steps():
     """A slow pull: what is looked for inside the steps leaves their number as it is."""
     system = quiet_sheet(motion=lambda t: (-0.01 * np.sin(t), 0.0, 0.0))
     result = fc.run(system, fc.Adaptive(fc.BDF2(), 1e-2), system.rest(), t_end=2.0)
     assert len(result.times) < 120
-
-
-def test_stops_within_round_off_make_one_step():
-    system = quiet_sheet()
-    stops = [0.1, 0.1 + 1e-12, 0.3 - 1e-13]
-    result = fc.run(system, fc.Adaptive(fc.BDF2()), system.rest(), t_end=0.3, stops=stops)
-    assert np.diff(result.times).min() > 1e-3
 
 
 def test_steps_below_the_round_off_of_the_time_fail(small, isotropic):

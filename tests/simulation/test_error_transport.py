@@ -7,11 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.linalg import eigh
-from support.planned import along_z
 
 import fecloth as fc
 from fecloth.errors import IndefiniteMatrix
-from fecloth.linalg.reductions import rms
 from fecloth.simulation import error_transport
 from fecloth.simulation.error_transport import Error, Transport, carry_error
 from fecloth.simulation.sampled_error import SampledError, _as_random
@@ -138,48 +136,3 @@ def test_a_flat_sheet_that_is_pressed_together_is_not_resolved():
     result = run_quietly(system, fc.BDF2(), system.state(x), 0.001, 0.03)
     assert 0.3 < result.time_error <= 1.0
     assert any(doubt.kind.value == "time" for doubt in result.doubts)
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("method", [fc.BDF2(), fc.ImplicitMidpoint()], ids=str)
-def test_a_wind_that_drives_a_sheet_forgets_no_error(method):
-    """What the air takes and supplies is most of the energy; only the difference damps."""
-    cloth, dt = fc.Cloth.rectangle(0.4, 0.4, h=0.2, pattern="right"), 0.006
-    wind = fc.Wind((4.0, 0.0, 1.0), normal=1.0)
-    system = fc.System(
-        cloth, fc.Fabric(0.15, 500.0, 0.3), [fc.StVK(), wind, fc.Gravity()], ["left"]
-    )
-    stated, error = true_and_stated(system, method, dt, 40)
-    assert 1 / 3 < stated / error < 3
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("method", [fc.GeneralizedAlpha(), fc.Newmark()], ids=str)
-def test_a_pin_that_is_shaken(method):
-    cloth = fc.Cloth.rectangle(0.4, 0.4, h=0.2, pattern="right")
-    pin = fc.Pin("left", motion=along_z("0.05 * sin(2 * pi * 3 * t)"))
-    terms = [fc.StVK(), fc.Gravity()]
-    system = fc.System(cloth, fc.Fabric(0.15, 500.0, 0.3), terms, [pin])
-    stated, error = true_and_stated(system, method, 0.008, 40)
-    assert 1 / 3 < stated / error < 3
-
-
-def true_and_stated(system, method, dt, steps):
-    """The error in time that a run states, and the one against a run with dt/16."""
-    (result, x), (_, fine) = (frames(system, method, dt / k, k * steps, k) for k in (1, 16))
-    mass, largest = system.nodal_mass, max(rms(system.nodal_mass, y - x[0]) for y in fine)
-    return result.time_error / SampledError.safety, max(
-        rms(mass, a - b) for a, b in zip(x, fine, strict=True)
-    ) / largest
-
-
-def frames(system, method, dt, steps, every):
-    """The result of a run, and the positions of each `every`-th step."""
-    seen = [system.rest().x]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fc.FeclothWarning)
-        result = fc.run(
-            system, method, system.rest(), dt, steps * dt,
-            report=lambda i: None if i.step % every else seen.append(i.result.state.x),
-        )  # fmt: skip
-    return result, seen

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.simulation.fixed_step import GivenSteps
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -80,26 +79,3 @@ def test_a_run_ends_at_the_sum_of_its_steps(system):
     equal = fc.run(system, fc.BackwardEuler(), system.rest(), [2e-3] * 5, 0.01, solver="direct")
     fixed = fc.run(system, fc.BackwardEuler(), system.rest(), 2e-3, 0.01, solver="direct")
     np.testing.assert_allclose(equal.state.x, fixed.state.x, rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({"dt": []}, r"dt = \[\]|dt = \(\): must be a number, or a list of at least one"),
-        ({"dt": [1e-3, 0.0]}, "must be a number, or a list of at least one, finite and > 0"),
-        ({"dt": [1e-3, "soon"]}, "dt"),
-        ({"dt": [[1e-3]]}, "must be a number, or a list"),
-        ({"dt": [1e-3] * 3, "t_end": 4e-3}, "t_end = 0.004.*end of the last step, at 0.003 s"),
-        ({"dt": [1e-3] * 3, "t_end": 2e-3}, "t_end = 0.002.*end of the last step, at 0.003 s"),
-        ({"dt": [1e-3] * 3, "stops": [1.5e-3]}, "stops: 0.0015 s.*nearest is 0.00[12] s"),
-    ],
-)
-def test_sizes_that_do_not_meet_the_times_are_refused(arguments, said, system):
-    with pytest.raises(fc.InputError, match=said):
-        fc.run(system, fc.BackwardEuler(), system.rest(), **arguments)
-
-
-def test_an_explicit_list_beyond_the_limit_is_refused(system):
-    with pytest.raises(fc.InputError, match="must be at most .* beyond it CentralDifference"):
-        fc.run(system, fc.CentralDifference(), system.rest(), [0.1, 0.1])
-    assert GivenSteps(fc.CentralDifference(), (1e-4,)).traits.explicit

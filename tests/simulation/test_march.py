@@ -9,7 +9,6 @@ from conftest import flat
 import fecloth as fc
 from fecloth.errors import SolveFailed
 from fecloth.simulation.step_times import step_times
-from fecloth.verify import observed_order
 from studies.references import closed_forms, falling_disk
 
 # steps are coarse and meshes small by intent
@@ -21,35 +20,6 @@ def test_step_times_end_exactly():
     assert len(step_times(0.0, 0.1, 1.0)) == 10
     np.testing.assert_allclose(step_times(0.5, 0.2, 1.0), [0.7, 0.9, 1.0])
     assert len(step_times(0.0, 1e-3, 0.2)) == 200
-
-
-def hanging(h, stiffness=100.0, areal_density=0.5):
-    """A strip of unit length, hanging at rest from its top, and its mean downward displacement."""
-    cloth = fc.Cloth.rectangle(0.25, 1.0, h=h)
-    fabric = fc.Fabric(areal_density=areal_density, tensile_stiffness=stiffness)
-    terms = [fc.StVK(), fc.Gravity((0.0, -9.81, 0.0))]
-    system = fc.System(cloth, fabric, terms, pins=["top"])
-    result = fc.run(system, fc.BackwardEuler(), system.rest(), 100.0, 300.0, solver="direct")
-    down = -(result.state.x - flat(cloth))[:, 1]
-    return cloth, result.state, system.nodal_mass @ down / system.nodal_mass.sum()
-
-
-def test_hanging_strip_meets_the_closed_form():
-    """Strain of 5 % at the top; the mass-weighted mean displacement converges at order 2."""
-    exact = closed_forms.hanging_strip_mean(1.0, 100.0, 0.5)
-    sizes = [0.1, 0.05, 0.025, 0.0125]
-    errors = [abs(hanging(h)[2] - exact) for h in sizes]
-    ratios = np.array(errors[:-1]) / np.array(errors[1:])
-    assert ((ratios > 3.2) & (ratios < 4.8)).all(), ratios
-    assert errors[1] < 1e-3 * exact  # h = L/20
-    assert observed_order(sizes, errors).mean() == pytest.approx(2.0, abs=0.15)
-
-
-def test_hanging_strip_along_its_length():
-    cloth, state, _ = hanging(0.05)
-    down = closed_forms.hanging_strip(1.0 - cloth.X[:, 1], 1.0, 100.0, 0.5)
-    np.testing.assert_allclose(-(state.x - flat(cloth))[:, 1], down, atol=1e-3 * down.max())
-    np.testing.assert_allclose(state.x[:, 0], cloth.X[:, 0], atol=1e-3 * down.max())
 
 
 def test_trampoline_meets_the_radial_solution(isotropic):
@@ -127,53 +97,6 @@ def test_a_value_that_is_not_finite_is_an_error_at_its_step(isotropic):
     poisoned.weight[0, 0] = np.nan
     with pytest.raises(fc.StepFailed, match="step 2"):
         next(states)
-
-
-def test_only_the_named_terms_are_evaluated(isotropic, monkeypatch):
-    """Gravity and a pin: no membrane kernel is called."""
-    from fecloth.terms.loops.membrane import BoundMembrane
-
-    calls = []
-    monkeypatch.setattr(BoundMembrane, "add_force", lambda *a: calls.append(a))
-    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
-    system = fc.System(cloth, isotropic, [fc.Gravity()], pins=["left"])
-    fc.run(system, fc.BackwardEuler(), system.rest(), 0.01, 0.05)
-    assert system.names == ("Gravity",)
-    assert not calls
-
-
-@pytest.mark.parametrize(
-    ("method", "dt", "message"),
-    [
-        (fc.BackwardEuler, 0.1, "must be a method such as BackwardEuler"),
-        ("midpoint", 0.1, "method 'midpoint'"),
-        (fc.BackwardEuler(), "0.1", r"dt = '0.1': must be a number \[s\]"),
-        (fc.BackwardEuler(), None, r"dt = None: must .* leave it out and let Adaptive\(method\)"),
-        (fc.BackwardEuler(), 1e-9, r"dt = 1e-09 s: makes 1e\+09 steps, .* at most 1e\+08"),
-        ("auto", None, r"method 'auto': must be a method such as BackwardEuler\(\) or Auto\(\)"),
-    ],
-)
-def test_invalid_arguments_of_march_are_refused(method, dt, message, isotropic):
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5)
-    system = fc.System(cloth, isotropic, [fc.StVK()])
-    for function in (fc.run, lambda *a: next(fc.march(*a))):
-        with pytest.raises(fc.InputError, match=message):
-            function(system, method, system.rest(), dt, 1.0)
-
-
-def test_auto_takes_no_solver_of_one_method(isotropic):
-    system = fc.System(fc.Cloth.rectangle(1.0, 1.0, h=0.5), isotropic, [fc.StVK()])
-    solver, _ = fc.solver_for(system, fc.BackwardEuler(), 0.01)
-    with pytest.raises(fc.InputError, match=r"must be a name such as \"auto\" with Auto\(\)"):
-        next(fc.march(system, fc.Auto(), system.rest(), t_end=1.0, solver=solver))
-
-
-def test_a_cloth_without_loads_stays_and_its_round_off_is_no_blow_up():
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="cross")
-    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
-    system = fc.System(cloth, fabric, [fc.StVK(), fc.HingeBending()], ["boundary"])
-    result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt=0.002, t_end=0.1)
-    assert 0 < result.energies["kinetic"].max() < 1e-24
 
 
 class Failing(fc.BackwardEuler):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.errors import InputError, SceneError
+from fecloth.errors import InputError
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.on_request import grip_width, shadow_area, support_area
 from fecloth.simulation.probes import Observer
@@ -58,13 +58,6 @@ def test_layers_over_one_another_count_once():
     assert shadow_area(quads, np.column_stack([turned, np.zeros(8)])) == pytest.approx(7, rel=1e-5)
 
 
-def test_an_upright_sheet_has_no_shadow():
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-    x = np.column_stack([cloth.X[:, 0], 0 * cloth.X[:, 0], cloth.X[:, 1]])
-    assert shadow_area(cloth.triangles, x) == 0.0
-    assert shadow_area(cloth.triangles, x[:, [1, 0, 2]]) == 0.0
-
-
 # --- drape ----------------------------------------------------------------------------------------
 
 
@@ -74,12 +67,6 @@ def inside(X):
 
 def drape(x, cloth=DISC, **more):
     return observed(cloth, x, ["drape_coefficient", "folds"], **{"pins": [fc.Pin(inside)], **more})
-
-
-def test_a_flat_disc_has_the_drape_coefficient_1_and_no_folds():
-    row = drape(lifted(DISC, lambda r, theta: 0 * r))
-    assert row["drape_coefficient"] == pytest.approx(1.0, abs=1e-5)
-    assert row["folds"] == 0.0
 
 
 @pytest.mark.parametrize("shape", ["plate", "cylinder"])
@@ -258,17 +245,6 @@ def test_a_scene_has_the_columns_that_it_names_and_no_others(scene, tmp_path):
     assert more == {"distance of left edge and grip", *(f"line_force:right.{c}" for c in "xyz")}
 
 
-@pytest.mark.stories
-def test_studies_and_sensitivities_take_them(scene):
-    problem = scene("")
-    found = fc.study.of(problem).sweep("fabric.tensile_stiffness=500,1000", "line_force.right.x")
-    assert [row["line_force.right.x"] for row in found.table] == pytest.approx([FORCE / 2, FORCE])
-    quantities = ["line_force.right.x", "max distance of left edge and grip"]
-    derived = fc.sensitivity(problem, "fabric.tensile_stiffness", quantities)
-    np.testing.assert_allclose(derived.value, [FORCE, 1.1])
-    np.testing.assert_allclose(derived.derivative[:, 0], [FORCE / 1000, 0], rtol=1e-5, atol=1e-9)
-
-
 UNITS = {"distance of a and b": "m", "max folds": "", "line_force.grip.x": "N/m"}
 
 
@@ -277,21 +253,3 @@ def test_their_units_and_columns():
     assert units == UNITS
     assert parse_quantity("line_force.grip.x at 0.3 s").column == "line_force:grip.x"
     assert parse_quantity("min drape_coefficient").unit() == ""
-
-
-MISTAKES = [
-    ("distance of grip and tip", "must be distance of A and B, of the probes left edge, grip"),
-    ("line_force.top.x", "must be the force of one of the pins left, right"),
-    ("distance of grip", "must be distance of A and B, of the probes left edge, grip"),
-]
-
-
-@pytest.mark.parametrize(("text", "match"), MISTAKES)
-def test_what_a_cloth_does_not_have_is_refused(scene, text, match):
-    problem = scene("")
-    with pytest.raises(InputError, match=match):
-        fc.study.of(problem).converge(text)
-    with pytest.raises(SceneError, match=match):
-        scene(f'[interest]\nquantities = ["{text}"]\n').build()
-    with pytest.raises(InputError, match="By name: distance of A and B"):
-        Observer.bind(problem.build().system, problem.build().start, ["fold"])

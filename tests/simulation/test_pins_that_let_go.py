@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from conftest import rough
 from support.rundirs import written
 
 import fecloth as fc
@@ -75,18 +74,6 @@ def test_it_is_a_run_to_the_release_and_a_run_from_there(method):
         np.testing.assert_allclose(here.x, state.x, rtol=0, atol=1e-12)
         np.testing.assert_allclose(here.v, state.v, rtol=0, atol=1e-9)
     assert abs(states[0.1][0].x - states[0.06][0].x).max() > 1e-3
-
-
-@pytest.mark.parametrize("stop", [0.02, UNTIL, 0.05])
-@pytest.mark.parametrize("method", [fc.BDF2(), fc.CentralDifference()], ids=["BDF2", "explicit"])
-def test_a_run_goes_on_from_its_memory(method, stop):
-    system = make([fc.Pin("left", until=UNTIL), fc.Pin("top", without="left")], [fc.Gravity()])
-    whole = states_of(system, method, solver="superlu")
-    state, info = whole[stop]
-    again = states_of(system, method, state, memory=info.memory, solver="superlu")
-    for t in again:
-        np.testing.assert_allclose(again[t][0].x, whole[t][0].x, rtol=0, atol=1e-13)
-    assert again[0.1][1].step == whole[0.1][1].step
 
 
 def test_pins_of_one_edge_that_let_go_one_after_another():
@@ -225,27 +212,3 @@ def test_a_scene_goes_on_bit_for_bit(last, tmp_path):
     frames = sorted((tmp_path / "whole" / "frames").iterdir())
     held = [np.count_nonzero(read_vtu(frame).point_data["held"]) for frame in frames]
     assert held[0] == held[2] > held[3] == held[4] > held[5]  # at 60 and 90 ms
-
-
-@pytest.mark.parametrize("until", [-1.0, 0.0])
-def test_a_scene_refuses_a_release_before_its_start(until, tmp_path):
-    file = tmp_path / "let_go.toml"
-    file.write_text(SCENE.replace('"60 ms"', str(until)))
-    with pytest.raises(fc.SceneError, match=r"pins.0.until = .* must be after the start"):
-        load_scene(file).build()
-    static = SCENE.replace(SCENE[SCENE.index("time =") :], "equilibrium = { load_steps = 1 }\n")
-    file.write_text(static)
-    with pytest.raises(fc.SceneError, match="needs .time.: an equilibrium has no time"):
-        load_scene(file).build()
-
-
-def test_refused():
-    with pytest.raises(InputError, match="until = inf: must be a finite time"):
-        fc.Pin("left", until=float("inf"))
-    assert fc.Pin("left", until="40 ms").until == 0.04
-    system = make([fc.Pin("left", until=UNTIL)])
-    with pytest.raises(InputError, match="must not let go between the steps"):
-        fc.many_steps(system, system.rest(), 1e-4, 10)
-    x = rough(system.cloth, np.random.default_rng(0), 1e-3)
-    later = fc.many_steps(system, system.state(x, t=1.0), 1e-4, 10)
-    assert abs(later.x[system.cloth.nodes("left")] - x[system.cloth.nodes("left")]).max() > 1e-7

@@ -86,10 +86,3 @@ def test_a_scene_and_the_command_line_set_the_threads(tmp_path, capsys, scene, o
     assert json.loads((tmp_path / "out/summary.json").read_text())["threads"] == expected
     printed = " ".join(capsys.readouterr().out.split())
     assert (f"on {expected} threads" in printed) == (expected > 1)
-
-
-@pytest.mark.parametrize("threads", ["0", "300", "many", "1.5"])
-def test_a_wrong_number_names_its_key(tmp_path, capsys, threads):
-    (tmp_path / "a.toml").write_text(SCENE)
-    assert main(["run", str(tmp_path / "a.toml"), "--threads", threads]) == 2
-    assert "solver.threads" in capsys.readouterr().err

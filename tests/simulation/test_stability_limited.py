@@ -161,18 +161,6 @@ def test_cloth_released_from_a_stretch_stays_stable(sheet, term, method):
     assert np.diff(result.times).max() < 1.02 * fc.critical_dt(system, system.rest(), method)
 
 
-def test_newmark_beyond_its_limit_is_refused(sheet):
-    """With 2β < γ it has one, as central differences have, where β = 0."""
-    system = fc.System(*sheet, [fc.StVK()], ["left"])
-    start, method = system.rest(), fc.Newmark(0.1, 0.5)
-    limit = fc.critical_dt(system, start, method)
-    with pytest.raises(fc.InputError, match=rf"at most {limit:.4g} s.*Newmark\(beyond_limit=True"):
-        next(fc.march(system, method, start, 1.01 * limit, 1.0))
-    next(fc.march(system, method, start, 0.99 * limit, 1.0))
-    next(fc.march(system, fc.Newmark(0.1, 0.5, beyond_limit=True), start, 1.01 * limit, 1.0))
-    next(fc.march(system, fc.Newmark(), start, 100 * limit, 100.0))
-
-
 # --- terms without a finite stiffness at rest -----------------------------------------------------
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.errors import InputError
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.orders import space_order
 from fecloth.view.html_report import read_table
@@ -92,15 +91,6 @@ def test_studies_take_it(scene):
     assert fc.tune(problem, "1%", STRESS, elements=["P1"], seconds=20).error < 1e-6
 
 
-def test_a_fit_takes_it(scene, tmp_path):
-    (tmp_path / "stress.csv").write_text("stress [N/m]\n52.5\n")
-    experiment = fc.Experiment(
-        scene(), tmp_path / "stress.csv", quantity={"stress": STRESS}, sigma="1 %"
-    )
-    fitted = fc.fit([experiment], parameters={"fabric.tensile_stiffness": 800.0})
-    assert fitted.values["fabric.tensile_stiffness"] == pytest.approx(500.0, rel=1e-4)
-
-
 CONSTANTS = {"fabric.tensile_stiffness": 1000.0, "fabric.poisson_ratio": 0.3}
 UNEVEN = STRIP.replace("1000.0", "1000.0, poisson_ratio = 0.3").replace("0.25, p", "0.1, p")
 
@@ -135,25 +125,3 @@ def test_its_derivative_is_the_slope_of_runs(scene, key, element):
 def test_theoretical_orders(scene, element, order):
     setup = scene(STRIP, f"cloth.element={element}").build()
     assert space_order(parse_quantity(STRESS), setup) == order
-
-
-MISTAKES = [
-    ("stress.xx at (3, 0.1)", r"stress at \(3, 0.1\): must be a point of the flat cloth.* <= 1 m"),
-    ("stress.xx of hem at (0.1, 0.1)", "region 'hem'"),
-    ("stress.zz at (0.1, 0.1)", "is not in the grammar"),
-    ("stress.xx at (0.1 s, 0.1)", "0.1 s"),
-    ("stress.xx", "Write stress.xx at"),
-]
-
-
-@pytest.mark.parametrize(("text", "match"), MISTAKES)
-def test_what_a_cloth_does_not_have_is_refused(scene, text, match):
-    with pytest.raises(InputError, match=match):
-        fc.study.of(scene()).converge(text)
-    with pytest.raises(InputError, match=match):
-        scene(STRIP + f'interest = {{ quantities = ["{text}"] }}\n').build()
-
-
-def test_springs_have_no_stress(scene):
-    with pytest.raises(InputError, match="no term of Springs has a stress.*StVK"):
-        fc.study.of(scene(STRIP, "terms.0.type=Springs")).converge(STRESS)

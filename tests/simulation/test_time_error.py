@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
-from support.tiers import in_turn, stories_except
+from support.tiers import in_turn
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.linalg.reductions import rms
-from fecloth.quantities.formula import Formula
-from fecloth.simulation import account
 from fecloth.simulation.account import Run
 from fecloth.simulation.rigid_motion import derivative, rms_of_deformation
 from fecloth.simulation.sampled_error import FEWEST_SAMPLES, SampledError
@@ -99,26 +97,6 @@ def test_a_vibration_is_judged_rightly_by_every_method(name, size, phase):
     said, true = errors(CASES[name], system, at, omega_dt / omega, 2 * math.pi * periods / omega)
     assert 1e-4 < true < 0.3
     assert 0.5 < said / true < 2.0 or (name == "symplectic_euler" and said > true)
-
-
-@pytest.mark.parametrize("name", ["bdf2", "implicit_midpoint"])
-def test_of_many_modes_the_fast_ones_that_are_lost_count_by_their_size(name):
-    """The third mode is not resolved at all; it is a twentieth of the motion."""
-    system, at, omega = vibration((1.0, 0.3, 0.05))
-    said, true = errors(CASES[name], system, at, 0.15 / omega, 2 * math.pi * PERIODS / omega)
-    assert 0.02 < true < 0.3
-    assert 1 / 3 < said / true < 3
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("name", stories_except(("bdf2", "implicit_midpoint"), "bdf2"))
-@pytest.mark.parametrize("ratio", [0.1, 0.4])
-def test_a_damped_motion_is_judged_rightly(name, ratio):
-    """Until it has come to rest."""
-    omega = vibration()[2]
-    system, at, _ = vibration(rate=ratio * omega)
-    said, true = errors(CASES[name], system, at, 0.15 / omega, 8 / (ratio * omega))
-    assert 0.5 < said / true < 3
 
 
 @pytest.mark.stories
@@ -282,22 +260,6 @@ def test_a_jump_of_a_load_is_found_before_the_run(load):
 def test_many_jumps_of_a_load_are_found():
     found = jumps_of(fc.Pressure("sign(cos(1000*pi*t))"))
     assert found == pytest.approx((np.arange(100) + 0.5) * 1e-3, rel=1e-6)
-
-
-def test_smooth_loads_are_not_searched_for_jumps(monkeypatch):
-    monkeypatch.setattr(Formula, "__call__", None)
-    assert not len(jumps_of(fc.Pressure("300*t + exp(-((t - 0.1)/1e-4)**2)")))
-    assert not len(jumps_of(fc.Wind(("3*sin(t)", "0", "0"), normal=0.7)))
-
-
-def test_loads_are_searched_once(monkeypatch):
-    searched = []
-    monkeypatch.setattr(account, "find_load_jumps", lambda loads: searched.append(1) or np.zeros(0))
-    cloth = fc.Cloth.rectangle(0.8, 0.4, h=0.2, pattern="right")
-    load = fc.Pressure("where(t < 0.05, 0, 5)")
-    system = fc.System(cloth, fc.Fabric(0.2, 5.0), [fc.StVK(), load])
-    fc.run(system, fc.CentralDifference(), system.rest(), 1e-3, 0.1)
-    assert searched == [1]
 
 
 def words_of(most, dt=0.01, jump=math.inf):

@@ -1,7 +1,6 @@
 """Shadows, drape coefficients and folds of known shapes."""
 
 import math
-import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,11 +8,8 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.errors import InputError
-from fecloth.output.frame_reader import Frame
-from studies.drape import __main__ as drape
 from studies.drape import between_meshes
-from studies.drape.measures import count_folds, drape_coefficient, shadow_area
+from studies.drape.measures import count_folds, drape_coefficient
 from studies.drape.meshes import MESHES, SPECIMEN, SUPPORT, cut_ring, make_quadratic, mesh_specimen
 
 SHEET = fc.Cloth.read(Path(__file__).parents[2] / "meshes" / "drape.geo", h=0.005)
@@ -34,14 +30,6 @@ def shaped(radius, height):
     return np.c_[out * np.cos(angle), out * np.sin(angle), z]
 
 
-def test_overlapping_layers_are_counted_once():
-    x = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0], [0, 0, 0.02]], float)
-    square = np.array([[0, 1, 2], [1, 3, 2]])
-    assert shadow_area(x, square) == pytest.approx(0.01, rel=0.02)
-    assert shadow_area(x, np.vstack([square, [[4, 1, 2]]])) == shadow_area(x, square)
-    assert shadow_area(x, square, 0.05) == pytest.approx(0.01 - math.pi * 0.05**2 / 4, rel=0.02)
-
-
 def test_a_board_covers_all_and_a_cone_its_part():
     assert coefficient(FLAT) == 1.0
     slope = math.radians(50)
@@ -51,34 +39,10 @@ def test_a_board_covers_all_and_a_cone_its_part():
     assert coefficient(cone) == pytest.approx(exact, abs=0.01)
 
 
-def test_shadow_ignores_a_fold_under_the_rim():
-    """The ring goes out to its middle and back in below: the shadow is that of the middle."""
-    middle = (SUPPORT + SPECIMEN) / 2
-    tucked = shaped(lambda r, a: middle - abs(r - middle), lambda r, a: SUPPORT - r)
-    exact = (middle**2 - SUPPORT**2) / (SPECIMEN**2 - SUPPORT**2)
-    assert coefficient(tucked) == pytest.approx(exact, abs=0.03)
-
-
 @pytest.mark.parametrize("count", [4, 7])
 def test_folds_are_counted_along_the_rim(count):
     wavy = shaped(lambda r, a: r, lambda r, a: 0.01 * np.cos(count * a + 0.3))
     assert count_folds(SHEET.X, wavy) == count
-
-
-@pytest.mark.stories
-def test_a_missing_package_costs_only_the_picture(monkeypatch, capsys):
-    """Unless --picture asks for it; then it is a mistake, found before the first run."""
-    monkeypatch.setitem(sys.modules, "imageio", None)
-    board = Frame(0.0, FLAT, SHEET.triangles, {"displacement": 0 * FLAT}, {})
-    monkeypatch.setattr(drape, "drape_fabric", lambda *_: board)
-    monkeypatch.setattr(sys, "argv", ["drape.py"])
-    assert drape.main() == 0
-    printed = capsys.readouterr().out
-    assert printed.count("drape coefficient 100 %") == 3
-    assert printed.startswith("no picture: the package imageio: is not installed")
-    monkeypatch.setattr(sys, "argv", ["drape.py", "--picture", "x.png"])
-    with pytest.raises(InputError, match=r"imageio: is not installed.*\.\[view\]"):
-        drape.main()
 
 
 # --- several meshes -------------------------------------------------------------------------------
@@ -155,20 +119,3 @@ def sag_of_a_plate(B, q):
     zero, one = march(0.0), march(1.0)
     curvature = -zero[2] / (one[2] - zero[2])
     return (zero + curvature * (one - zero))[0]
-
-
-@pytest.mark.stories
-def test_a_table_of_meshes(monkeypatch):
-    """A row for each mesh and model; the summary has the coefficients of the rows."""
-    fabrics = ("trousers",)
-    monkeypatch.setattr(between_meshes, "SEEDS", (1,))
-    rows = list(between_meshes.compare_meshes(fabrics, fabrics, 0.03))
-    assert [row["model"] for row in rows].count("PlateBending") == len(MESHES) + 2
-    assert [row["model"] for row in rows].count("HingeBending") == len(MESHES)
-    assert all(0 < row["coefficient"] < 1 for row in rows)
-    cells = [" ".join(line.values()) for line in between_meshes.summarise(rows)]
-    assert all(f" {100 * row['coefficient']:.1f}" in " ".join(cells) for row in rows)
-
-
-def test_a_spread_is_the_range_over_the_mean():
-    assert between_meshes.spread([0.7, 0.8, 0.9]) == pytest.approx(0.25)

@@ -22,18 +22,9 @@ def code_lines(text):
     return len(lines)
 
 
-def test_the_counter_counts():
-    text = '"""A\n\nb."""\n\nx = [\n    1,  # 1\n]\n# no\n\ndef f():\n    """A."""\n    return x\n'
-    assert code_lines(text) == 5
-
-
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_each_is_under_forty_lines(path):
     assert 10 < code_lines(path.read_text(encoding="utf-8")) < 40
-
-
-def test_there_are_three():
-    assert [path.stem for path in FILES] == ["integrator", "law", "term"]
 
 
 def test_the_page_of_terms_shows_the_law_as_it_is():

@@ -47,21 +47,6 @@ def test_a_term_has_formula_source_and_validity(name):
     assert len(validity.partition("\n\n")[0]) > 40
 
 
-def test_no_picture_is_left_over_and_none_is_large():
-    found = {f"pictures/{path.name}" for path in (STUDIES / "laws" / "pictures").iterdir()}
-    assert found == set(re.findall(r"\]\((pictures/.*?)\)", PAGE))
-    drawn = *law_curves.LAWS, *BENDING, "BendingFriction", "Drag"
-    assert found == {f"pictures/{name}.png" for name in drawn}
-    sizes = {name: (STUDIES / "laws" / name).stat().st_size for name in found}
-    assert all(2_000 < size <= 40_000 for size in sizes.values()), sizes
-    assert (STUDIES / "laws" / "laws.png").stat().st_size <= 60_000
-
-
-def test_halves_are_rounded_up():
-    assert [laws.number(x, 2) for x in (1.875, 1.875 - 1e-12, -1e-9)] == ["1.88", "1.88", "0.00"]
-    assert laws.number(-3.0) == "−3"
-
-
 # --- the curves against closed forms --------------------------------------------------------------
 
 

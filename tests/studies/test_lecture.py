@@ -49,11 +49,6 @@ def test_a_closing_question_has_a_folded_answer_below_it(page):
     assert len(answer(PAGES[page]).split()) <= 60
 
 
-def test_the_counter_leaves_out_imports_the_figure_and_the_check():
-    code = ["import a\nfrom b import (\n    c,\n)\n\n# says\nx = f(\n    1\n)\ny = 2  # too"]
-    assert code_lines([*code, "fig = plt.figure()\nz = 3", "e = 4\nassert e"]) == 4
-
-
 def test_the_page_lists_each_slide_once():
     text = (ROOT / "studies" / "lecture" / "README.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| \[(\d\d)\]\((\w+)\.py\) \|", text, re.MULTILINE)

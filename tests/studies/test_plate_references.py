@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 from support.plates import navier
 
-from studies.bending import meshes
-from studies.bending.findings import order, seam_errors
-from studies.bending.seams import CROSS, MORLEY, PLATE
 from studies.references import plates
 
 D = np.array([[1.0, 0.3, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 0.35]])
@@ -35,31 +32,3 @@ def test_beam_of_two_parts_bends_by_its_moment(at):
     assert curvature[away] == pytest.approx(exact[1:-1][away], abs=1e-6)
     slope = np.diff(w) / (X[1] - X[0])
     assert np.abs(np.diff(slope)).max() < 2e-4  # no corner at the seam
-
-
-@pytest.mark.parametrize("pattern", meshes.DISK_PATTERNS)
-def test_meshes_of_the_disk_cover_it(pattern):
-    cloth = meshes.disk(pattern, 12)
-    assert cloth.area == pytest.approx(np.pi, rel=0.01)
-    ends = np.linalg.norm(cloth.X[cloth.nodes("boundary")], axis=1)
-    assert ends == pytest.approx(1.0)
-
-
-def test_graded_square_has_cells_from_1_over_n_down_to_a_twentieth():
-    X = np.unique(meshes.square("graded", 8).X[:, 0].round(12))
-    assert np.diff(X).max() <= 1 / 8
-    assert np.diff(X).max() / np.diff(X).min() == pytest.approx(20, rel=0.15)
-
-
-def test_errors_of_seams_are_against_the_extrapolated_reference():
-    sizes = (8, 16, 32)
-    rows = [
-        {"seam": CROSS, "model": model, "n": n, "h": 1 / n, "mean": 2 + c / n**2, "status": "ok"}
-        for model, c in ((PLATE, 1.0), (MORLEY, 3.0))
-        for n in sizes
-    ]
-    lines = seam_errors(rows)
-    errors = [line["error"] for line in lines]
-    assert errors == pytest.approx([0.5 * c / n**2 for c in (1, 3) for n in sizes])
-    assert lines[2]["order"] == pytest.approx(2.0)
-    assert np.isnan(order(rows[:1], "mean"))

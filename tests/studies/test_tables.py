@@ -1,30 +1,6 @@
 """Findings of the studies of convergence and stability, from rows with known numbers."""
 
-import math
-
-from studies.convergence import __main__ as convergence
-from studies.convergence.swing import ORDERS, QUANTITIES, conclude_swings
 from studies.stability.__main__ import conclude_maps, conclude_swing
-from studies.stability.swing import COUNTS, RIGHT, SPAN, conclude_errors
-
-
-def test_a_failed_run_misses_its_orders():
-    """Also where every run of a family failed."""
-    failed = {"status": "failed", "cause": "x"}
-    rows, steps = (
-        [case | failed for case in cases(quick=False)]
-        for cases in (convergence.space_cases, convergence.time_cases)
-    )
-    findings = convergence.conclude_space(rows) + convergence.conclude_time(steps)
-    assert len(findings) == 121
-    swings = [
-        {"bending": bending, "pattern": "right", "quantity": name, "order": math.nan}
-        for bending in ORDERS
-        for name in QUANTITIES
-    ]
-    findings += conclude_swings(swings)
-    assert len(findings) == 121 + 8
-    assert not any(finding.is_met for finding in findings)
 
 
 def cell(dt, outcome, **more):
@@ -67,15 +43,3 @@ def test_a_run_that_was_stopped_for_its_energy_made_some():
     met = [finding.is_met for finding in findings]
     assert met == [True, True, False, True, False, True]
     assert [finding.is_met for finding in conclude_swing(rows[:1])] == [False, True]
-
-
-def test_errors_on_the_swing_are_judged_at_one_step_of_each_method():
-    rows = [
-        {"method": method, "dt": SPAN / count, "error": 0.09 if count == RIGHT.get(method) else 1.0}
-        for method in (*RIGHT, "newmark")
-        for count in COUNTS
-    ]
-    findings = conclude_errors(rows)
-    assert [finding.is_met for finding in findings] == [True] * len(RIGHT)
-    failed = [{key: row[key] for key in ("method", "dt")} for row in rows]
-    assert [finding.is_met for finding in conclude_errors(failed)] == [False] * len(RIGHT)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studies.evidence.trust.__main__ import findings_of, verdict
+from studies.evidence.trust.__main__ import verdict
 from studies.evidence.trust.cases import error_in_time, frame_times, judge
 from studies.evidence.trust.setups import FRAMES, METHODS, MOTIONS, SETUPS, Setup, build
 
@@ -40,21 +40,3 @@ def test_refined_reruns_and_the_error_between_them():
     assert error_in_time(run, np.array([moved]), np.array([moved])) == 0.0
     half = np.array([0.5 * (x + moved)])
     assert 0.499 < error_in_time(run, half, np.array([moved])) < 0.501
-
-
-def row(error, warned, counts=True):
-    return {"status": "ok", "counts": counts, "failed": False, "error": error, "warned": warned}
-
-
-def test_verdicts_and_findings():
-    rows = [row(0.01, False)] * 20 + [row(0.01, True), row(0.05, True), row(0.5, True)]
-    rows += [row(float("nan"), True, counts=False)]
-    assert [verdict(one) for one in rows[-4:]] == [
-        "good, warned",
-        "between, warned",
-        "wrong, warned",
-        "does not count",
-    ]
-    assert all(finding.is_met for finding in findings_of(rows, 23))
-    assert not all(finding.is_met for finding in findings_of([*rows, row(0.5, False)], 1))
-    assert not all(finding.is_met for finding in findings_of([*rows, row(0.01, True)], 1))

@@ -12,15 +12,12 @@ from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.budgeting.result import make_budget
 from fecloth.terms.membranes.curves import Curve
 from studies.validation import __main__ as every
-from studies.validation.bias.__main__ import NET, WIDTH, net_angle, net_force, net_half, stress
+from studies.validation.bias.__main__ import WIDTH, net_angle, net_force, stress
 from studies.validation.comparison import (
-    COLUMNS,
     PARTS,
     Comparison,
     from_budget,
-    read_comparisons,
     table,
-    write_comparisons,
 )
 from studies.validation.knits.__main__ import joint_covariance, uncertainty_table
 
@@ -60,36 +57,8 @@ def test_agrees_at_a_part_of_twice_the_total(sign):
     assert outside.difference == pytest.approx(1.25 * sign * limit)
 
 
-def test_there_is_no_verdict_without_a_measurement():
-    for each in (compared(math.nan, scatter=0.0), compared(0.0, kind="shown")):
-        assert each.agrees is None
-        assert each.row()["agrees"] == ""
-
-
 def test_an_unknown_part_gives_no_agreement():
     assert not compared(100.0, start=math.nan).agrees
-
-
-@pytest.mark.parametrize("changes", [{"kind": "guess"}, {"space": -1.0}])
-def test_wrong_records_are_refused(changes):
-    with pytest.raises(fc.InputError):
-        compared(1.0, **changes)
-
-
-def test_another_unit_has_the_same_verdict():
-    each = compared(110.0).scaled(1e3, "mN")
-    assert each.difference == pytest.approx(-1e4)
-    assert each.total == pytest.approx(1e3 * math.sqrt(265))
-
-
-def test_a_file_is_read_as_it_was_written(tmp_path):
-    both = [compared(71.3), compared(math.nan, scatter=0.0, kind="shown")]
-    write_comparisons(tmp_path, both)
-    header = (tmp_path / "comparison.csv").read_text().splitlines()[0]
-    assert header == ",".join(COLUMNS)
-    first, second = read_comparisons(tmp_path / "comparison.csv")
-    assert first == both[0]
-    assert second.row() == both[1].row()
 
 
 def test_a_budget_gives_its_parts():
@@ -108,15 +77,6 @@ def test_a_budget_gives_its_parts():
     assert each.total == pytest.approx(answer.total)
     assert each.difference == answer.difference
     assert each.agrees == answer.agrees
-
-
-def test_the_diagonals_of_a_pin_jointed_net():
-    """Rhombs of sides a: the diagonal along the pull is √2 a (D + d)/D, beside √2 a sin."""
-    drawn = np.array([0.0, 0.02, 0.08])
-    half = math.pi / 4 - net_angle(drawn) / 2
-    np.testing.assert_allclose(math.sqrt(2) * np.cos(half), 1 + drawn / NET, rtol=1e-13)
-    assert net_angle(drawn[:1])[0] == pytest.approx(0.0, abs=1e-12)
-    assert net_half(0.08) == pytest.approx(math.sin(half[2]))
 
 
 def test_the_force_of_a_net_is_the_slope_of_its_energy():

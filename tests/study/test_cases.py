@@ -7,10 +7,9 @@ import sys
 import time
 
 import pytest
-from support.study_functions import fail_or_return, four_cases, return_setting, square
+from support.study_functions import fail_or_return, four_cases, square
 
 from fecloth import study
-from fecloth.errors import InputError
 from fecloth.study.cases import Case
 
 pytestmark = pytest.mark.stories
@@ -27,17 +26,6 @@ def test_cases_are_run_once(tmp_path):
     assert {row["status"] for row in again} == {"ok"}
     study.run_cases(four_cases(log)[:1], square, tmp_path, fresh=True)
     assert log.read_text().split()[4:] == ["3"]
-
-
-def test_an_interrupted_study_continues(tmp_path):
-    log = tmp_path / "log"
-    log.with_suffix(".stop").touch()
-    with pytest.raises(KeyboardInterrupt, match="finished cases are stored"):
-        study.run_cases(four_cases(log), square, tmp_path)
-    log.with_suffix(".stop").unlink()
-    rows = study.run_cases(four_cases(log), square, tmp_path)
-    assert log.read_text().split() == ["3", "1", "2", "2", "4"]
-    assert [row["square"] for row in rows] == [9.0, 1.0, 4.0, 16.0]
 
 
 STUDY = """
@@ -112,23 +100,6 @@ def test_the_key_depends_on_settings_function_and_source(tmp_path):
         ),
     ]
     assert len({key, *(case.key for case in others)}) == 5
-
-
-def test_invalid_settings_and_functions_are_refused(tmp_path):
-    with pytest.raises(InputError, match="JSON-able"):
-        study.run_cases([{"how": object()}], fail_or_return, tmp_path)
-    with pytest.raises(InputError, match="no tuples"):
-        study.run_cases([{"how": (1, 2)}], fail_or_return, tmp_path)
-    with pytest.raises(InputError, match="module-level"):
-        study.run_cases([{"how": "no"}], lambda how: {}, tmp_path)
-    with pytest.raises(InputError, match="returned how: a setting"):
-        study.run_cases([{"how": "no"}], return_setting, tmp_path)
-
-
-def test_stored_results_include_their_settings(tmp_path):
-    study.run_cases([{"how": "no"}], fail_or_return, tmp_path)
-    (file,) = (tmp_path / "cache").iterdir()
-    assert json.loads(file.read_text())["settings"] == {"how": "no"}
 
 
 WHOLE = {"settings": {"x": 2}, "time_limit": None, "result": {"status": "ok", "cause": ""}}

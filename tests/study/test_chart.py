@@ -13,12 +13,10 @@ from support.scene_texts import STRING
 
 import fecloth as fc
 from fecloth.cli import main as cli
-from fecloth.errors import InputError
-from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.study.command import StudyFailed
 from fecloth.study.convergence import Convergence
 from fecloth.study.figures import MOST_GROUPS, spread
-from fecloth.study.fronts.drawing import best_rows, bound_of, is_known, rank_series, series_of
+from fecloth.study.fronts.drawing import best_rows, bound_of, is_known
 from fecloth.study.fronts.result import Front, describe_front
 from fecloth.study.result import Table
 
@@ -115,18 +113,6 @@ def test_the_chart_says_of_which_quantity_its_errors_are():
     assert chart.notes()[0] == "All errors are of x, the first quantity; not of y, z."
 
 
-def test_at_most_eight_lines_and_those_on_the_front_first():
-    chart = made_up_chart()
-    series = series_of(chart.table)
-    names = rank_series(series)
-    on_front = {f"{row['method']} P1" for row in chart.front}
-    assert len(series) == 11
-    assert on_front == set(names[: len(on_front)])
-    ax = chart.figure().axes[0]
-    grey = [line for line in ax.lines if line.get_color() == "0.7"]
-    assert len(grey) == len(series) - MOST_GROUPS
-
-
 def test_no_labels_of_the_figure_collide_or_are_cut_off():
     """The small words at the points of the front are not among them: they stay at their points."""
     drawing = made_up_chart().figure()
@@ -184,59 +170,9 @@ def test_errors_of_a_string_with_a_known_solution(scene, tmp_path):
     assert min(row["h"] for row in own) >= 0.99 * 0.125  # with meshes = 2
 
 
-def test_without_a_run_that_ends_in_time_there_is_no_limit(scene):
-    with pytest.raises(StudyFailed, match="no limit was found: "):
-        fc.study.chart(scene, "middle.z", ["bdf2"], ["P1"], time_limit=1e-9, meshes=1)
-
-
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        ({"methods": ["bfd2"]}, "Did you mean 'bdf2'"),
-        ({"elements": ["P3"]}, "must be one of P1, P2"),
-        ({"models": ["StKV"]}, "Did you mean 'StVK'"),
-        ({"meshes": 0}, "from 1 to 4"),
-        ({"levels": 2}, "from 3 to 10"),
-        ({"seconds": 0.0}, "seconds"),
-        ({"quantity": "midle.z"}, "unknown quantity"),
-        ({"quantity": "frequency(1)"}, "take converge"),
-    ],
-)
-def test_mistakes(scene, more, message):
-    with pytest.raises(InputError, match=message.replace("(", r"\(")):
-        fc.study.chart(scene, **({"quantity": "middle.z"} | more))
-
-
 def test_models_that_are_all_refused_are_named(scene):
     with pytest.raises(StudyFailed, match="no limit was found: .*TensorCondition"):
         fc.study.chart(scene, "middle.z", ["bdf2"], ["P1"], ["TensorCondition"])
-
-
-def test_a_scene_that_takes_far_too_long_is_refused_before_it_runs(scene, monkeypatch):
-    scene.write_text(SCENE.replace("dt = 0.01", "dt = 1e-8"))
-    monkeypatch.setattr("fecloth.study.charts.run_front", lambda *_: pytest.fail("runs"))
-    with pytest.raises(InputError, match="above 3,600 s"):
-        fc.study.chart(scene, "middle.z")
-
-
-@pytest.mark.stories
-@pytest.mark.filterwarnings("ignore")
-def test_explicit_methods_of_a_function_take_their_stable_step():
-    def string(h, dt, method):
-        cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-        system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()], pins=["left", "right"])
-        v = np.column_stack([0 * cloth.X, 1e-3 * np.sin(np.pi * cloth.X[:, 0])])
-        method = {**METHODS, **EXPLICIT}[method]()
-        return cloth, system, method, system.state(system.rest().x * [1.1, 1, 1], v)
-
-    run = {"h": 0.25, "dt": 0.01, "t_end": 0.1, "probes": [fc.Probe("m", point=(0.5, 0.1))]}
-    methods = ["BDF2", "CentralDifference"]
-    arguments = {"method": "bdf2"} | run
-    found = fc.study.chart(string, "m.z", methods, meshes=1, **arguments)
-    assert abs(found.limit.limit - exact_middle(0.1)) <= found.limit.uncertainty
-    explicit = [row for row in found.table if row["method"] == "central_difference"]
-    assert {row["status"] for row in explicit} == {"ok"}
-    assert all(row["dt"] < 0.1 * row["h"] for row in explicit)  # waves of 22 m/s
 
 
 @pytest.mark.stories

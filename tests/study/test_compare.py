@@ -1,7 +1,5 @@
 """`compare`: known differences, other meshes, time steps, rows of failures, overlays, command."""
 
-from dataclasses import replace
-
 import meshio
 import numpy as np
 import pytest
@@ -10,8 +8,6 @@ from support.scene_texts import STRIP
 
 import fecloth as fc
 from fecloth.cli import main as cli
-from fecloth.errors import InputError, MeshError
-from fecloth.study import comparing
 from fecloth.study.overlay import Overlay
 from studies.references.closed_forms import hanging_strip_tip
 
@@ -107,21 +103,6 @@ def test_springs_have_the_stiffness_of_their_homogenised_moduli():
     assert difference.uncertainty < 5
 
 
-def test_one_model_on_two_meshes(scene):
-    """Two patterns of one scene: the limits agree, the values as given do not."""
-    softer = ("tensile_stiffness = 20.0", "tensile_stiffness = 5.0")
-    scene = change(scene, softer, name="a.toml")
-    other = change(scene, ('pattern = "right"', 'pattern = "cross"'), ("0.125", "0.1"))
-    found = fc.study.compare([scene, other], quantity="displacement", cache=scene.parent)
-    assert found.table["variant"] == ["a strip", "a strip (2)"]
-    difference = found.differences["a strip (2)"]
-    assert difference.limit < difference.uncertainty < difference.as_given
-    assert "cannot be told apart" in found.verdict
-    apart = found.overlay.arrays["difference"]
-    assert len(apart) == 9 * 3
-    assert 0 < abs(apart).max() < 0.02
-
-
 def test_methods_differ_by_their_time_step_only(tmp_path):
     file = tmp_path / "swing.toml"
     file.write_text(SWING)
@@ -142,23 +123,6 @@ def test_a_value_of_zero_is_compared_in_its_unit(scene):
 
 
 @pytest.mark.parametrize(
-    ("variants", "message"),
-    [
-        ("terms.0.type=TensorCondition,Springs", "terms.0.k is missing"),
-        ("terms.0.type=StVK,Sprngs", "Did you mean 'Springs'"),
-        ("pins.0.where=left,rihgt", "Did you mean 'right'"),  # which only the mesh knows
-        ("pins.0.where=lfet,rihgt", "Did you mean 'left'"),
-    ],
-)
-def test_fewer_than_two_variants_that_are_accepted_end_the_study_before_a_run(
-    scene, variants, message, monkeypatch, capsys
-):
-    monkeypatch.setattr(comparing, "run_planned", lambda *_: pytest.fail("it ran"))
-    assert cli.main(["compare", str(scene), "--variants", variants]) == 2
-    assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
     ("variants", "cause"),
     [
         ("terms.0.type=StVK,TensorCondition,Springs", "terms.0.k is missing"),
@@ -172,64 +136,6 @@ def test_a_refused_variant_has_a_row_with_its_reason_and_the_others_run(scene, v
     assert cause in found.table["cause"][statuses.index("refused")]
     assert len(found.differences) == 1
     assert found.exit_status == 3
-
-
-def test_other_keys_of_another_term(scene):
-    found = fc.study.compare(scene, "terms.0.type=StVK,Springs")
-    assert list(found.differences) == ["Springs"]  # whose keys are not those of StVK
-    values, errors = found.figure().axes
-    assert {text.get_text() for text in values.texts} == {"StVK", "Springs"}
-    lines = {line.get_label(): line.get_xydata() for line in errors.lines}
-    for name, study in found.studies.items():
-        rows = [(row["h"], row["error"]) for row in study.table if row["error"]]
-        assert lines[name].tolist() == np.array(rows).tolist()
-    (h, error), *_, (finest, on_slope) = lines["order 2"]
-    assert on_slope == pytest.approx(error * (finest / h) ** 2)
-
-
-def test_a_variant_that_fails_on_a_finer_level_has_the_cause_of_that_level():
-    def fragile(h, breaks):
-        if breaks and h < 0.1:
-            raise fc.FeclothError(f"no result for h = {h:g}")
-        return strip(h)
-
-    found = fc.study.compare(fragile, {"breaks": [0, 1, 0.0]}, "area", h=0.25)
-    assert found.table["status"] == ["ok", "failed", "ok"]
-    assert found.table["cause"][1] == "FeclothError: no result for h = 0.0625"
-    assert found.differences["breaks = 0.0"].limit == 0
-
-
-def test_a_variant_may_be_a_table(scene):
-    tables = [{"type": "StVK"}, {"type": "TensorCondition", "k": Y / 4}]
-    found = fc.study.compare(scene, {"terms.0": tables})
-    assert found.differences["TensorCondition (k = 5.0)"].limit == pytest.approx(0, abs=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("variants", "more", "message"),
-    [
-        (None, {}, "takes several problems, or one with variants"),
-        ("terms.0.type=StVK", {}, "1 variant: must be at least 2"),
-        ("terms.0.tpye=StVK,Springs", {}, "tpye"),
-        ("terms.0.type=StVK,Springs", {"quantity": "tpi.x"}, "tpi.x: unknown quantity"),
-        ("terms.0.type=StVK,Springs", {"refine": "dt"}, "an equilibrium has no dt"),
-        ("terms.0.type=StVK,Springs", {"levels": 2}, "levels = 2"),
-    ],
-)
-def test_mistakes(scene, variants, more, message):
-    with pytest.raises(InputError, match=message):
-        fc.study.compare(scene, variants, **more)
-
-
-def test_a_scene_is_compared_with_the_function_of_the_same_strip(scene):
-    """The mesh of the function is the mesh of the scene; its term is the same law."""
-    probes = [fc.Probe("tip", "right")]
-    study = fc.study.of(lambda h: strip(h), h=0.125, probes=probes)
-    both = replace(study, problems=(fc.study.of(scene).problem, study.problem))
-    found = both.compare(quantity="tip.x")
-    assert found.table["variant"] == ["a strip", "<lambda>"]
-    (difference,) = found.differences.values()
-    assert abs(difference.limit) < 1e-6
 
 
 def stretched_by(factor, **mesh):
@@ -250,12 +156,6 @@ def test_an_overlay_is_exact_for_linear_maps(element, tmp_path):
     np.testing.assert_allclose(frame.point_data["difference"], expected, atol=1e-12)
     np.testing.assert_allclose(frame.point_data["other"], frame.points + expected, atol=1e-12)
     assert len(meshio.read(tmp_path / "second_000000.vtu").points) == len(b[0].cloth.X)
-
-
-def test_a_node_on_one_cloth_only_is_refused():
-    a, b = stretched_by(1.0, h=0.25, pattern="right"), strip(0.1)[1]
-    with pytest.raises(MeshError, match="must lie on the cloth"):
-        Overlay.of(a, (b, b.rest()))
 
 
 @pytest.fixture
@@ -282,14 +182,6 @@ def test_the_command_overlays_two_runs(two_runs, tmp_path, capsys):
     rows = [rows_of(folder / "observed.csv")[-1] for folder in (a, b)]
     moved = float(rows[1]["middle.z"]) - float(rows[0]["middle.z"])
     assert last.point_data["difference"][middle, 2] == pytest.approx(moved, rel=0.1)
-
-
-def test_runs_without_a_common_time_are_refused(two_runs, tmp_path):
-    a, _ = two_runs
-    late = a.parent / "late"
-    fc.run_scene(fc.load_scene(a.parent / "a.toml", ["time.t_start=1", "time.t_end=1.1"]), late)
-    with pytest.raises(InputError, match="have no time in common"):
-        fc.study.compare_runs(a, late, tmp_path / "out")
 
 
 def test_the_command(scene, tmp_path, capsys):

@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.output.frame_reader import read_vtu
-from fecloth.quantities.digits import with_uncertainty
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.simulation.setup import Setup
@@ -23,7 +21,6 @@ from fecloth.study.convergence import Convergence, judge
 from fecloth.study.measured_runs import measure
 from fecloth.study.orders import find_obstacles, is_round, space_order
 from fecloth.study.problem import StudyProblem
-from fecloth.study.result import Table
 from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
 from studies.references.closed_forms import hanging_strip_tip
 
@@ -163,21 +160,6 @@ def test_a_trusted_geo_file_stays_trusted(scene, tmp_path):
     assert found.table["triangles"][-1] > 2 * found.table["triangles"][0]
 
 
-def test_a_function_is_a_quantity(scene):
-    lowest = lambda result: result.state.x[:, 2].max()  # noqa: E731
-    found = fc.study.converge(scene, lowest, levels=3)
-    assert found.value == pytest.approx(
-        fc.study.converge(scene, "middle.z", levels=3).value, rel=0.02
-    )
-
-
-@pytest.mark.stories
-def test_processes_give_the_same(tmp_path):
-    run = {"h": 0.25, "levels": 3, "probes": TIP}
-    one, two = (fc.study.converge(strip, "tip.x", jobs=jobs, **run) for jobs in (1, 2))
-    assert (one.value, one.uncertainty) == (two.value, two.uncertainty)
-
-
 def test_the_error_of_chosen_steps_is_a_share(scene):
     """The estimate from rtol/10 is that against rtol/1000 within a factor of two."""
     chosen = fc.load_scene(scene, ["time.dt=auto", "time.rtol=0.05"])
@@ -186,14 +168,6 @@ def test_the_error_of_chosen_steps_is_a_share(scene):
     coarse, fine = fc.study.sweep(chosen, over, "max middle.z").table["max middle.z"]
     assert found.shares["time step"] == pytest.approx(abs(coarse - fine), rel=0.5)
     assert not any("estimates its error in time" in words for words in found.notes())
-
-
-def test_stable_steps_leave_a_remark_on_the_error_in_time(scene):
-    stable = fc.load_scene(scene, ["time.dt=auto", "time.method=central_difference"])
-    found = fc.study.converge(stable, "max middle.z", levels=3)
-    assert any("estimates its error in time" in words for words in found.notes())
-    fixed = fc.study.converge(scene, "max middle.z", levels=3)
-    assert not any("estimates its error in time" in words for words in fixed.notes())
 
 
 def test_a_cloth_without_tension_across_is_named_as_an_obstacle():
@@ -252,14 +226,6 @@ def test_runs_that_are_doubted_are_no_evidence(kind, verdict, monkeypatch):
     assert len(notes) == 2 * (kind is DoubtKind.WRINKLES)
 
 
-def test_slow_changes_are_called_so_only_with_a_reason():
-    h, values = [0.8, 0.4, 0.2, 0.1], [1.0, 1.1, 1.187, 1.263]
-    estimate = estimate_uncertainty(h, values, 2.0)
-    assert judge(estimate, values, ["a point pin"])[1].startswith("does not converge")
-    words = judge(estimate, values, [])[1]
-    assert words.startswith("not yet in the asymptotic range")
-
-
 @pytest.mark.parametrize(
     ("values", "words"),
     [
@@ -309,34 +275,6 @@ def test_a_point_pin_is_named_as_an_obstacle():
     assert "folds" in find_obstacles(setup, {"least_stretch": [1.0, 0.5]}, x)[-1]
 
 
-@pytest.mark.parametrize(
-    ("problem", "more", "message"),
-    [
-        (3, {}, "must be a scene, its path, or a function"),
-        (strip, {}, "refine = 'h' needs the h of the first level"),
-        (strip, {"h": 0.25, "refine": "dt", "dt": 0.1}, "an equilibrium has no dt"),
-        (strip, {"h": 0.25, "levels": 2}, "levels = 2: must be an integer from 3 to 10"),
-        (strip, {"h": 0.25, "refine": "hh"}, 'must be "h", "dt" or "both"'),
-        (strip, {"h": 0.25, "ratio": 1.0}, "must lie between 1.1 and 10"),
-        (strip, {"h": 0.25, "elemnt": "P2"}, "elemnt = 'P2': the function takes h, element"),
-        (strip, {"h": 0.25, "quantity": "tpi.x"}, "tpi.x: unknown quantity"),
-        (strip, {"h": 0.01, "levels": 8}, "may take .*: above 3,600 s"),
-        (lambda h: 3, {"h": 0.1}, "must return cloth, system, method and start"),
-    ],
-)
-def test_mistakes(problem, more, message):
-    with pytest.raises(InputError, match=message):
-        fc.study.converge(problem, **more)
-
-
-def test_mistakes_of_scenes(scene):
-    with pytest.raises(InputError, match="is for a function's problem"):
-        fc.study.converge(scene, h=0.1)
-    automatic = fc.load_scene(scene, ["time.dt=auto"])
-    with pytest.raises(InputError, match="Give time.dt"):
-        fc.study.converge(automatic, refine="both")
-
-
 def test_theoretical_orders_know_round_borders_and_elements():
     round_, flat = fc.Cloth.disk(1.0, 0.2), fc.Cloth.rectangle(1.0, 1.0, 0.2)
     assert (is_round(round_), is_round(flat)) == (True, False)
@@ -370,30 +308,6 @@ def test_report_figure_and_words(tmp_path):
     assert "\n" not in repr(found)
     assert "<table>" in found._repr_html_()
     assert isinstance(found, Convergence)
-
-
-@pytest.mark.parametrize(
-    ("finest", "ratio"), [(1e-4, 1.3), (1.7e-3, 1.3), (1.7e-3, 3.0), (0.012, 4.5), (0.01, 2.0)]
-)
-def test_tick_labels_do_not_run_into_each_other(finest, ratio):
-    rows = [
-        {"h": finest * ratio**k, "value": 1.04 + 1e-7 * ratio**k, "error": 1e-7 * ratio**k}
-        for k in (2, 1, 0)
-    ]
-    found = Convergence("a", "", Table(tuple(rows)), "x", "m", uncertainty=1e-7)
-    drawing = found.figure()
-    drawing.draw_without_rendering()
-    for ax in drawing.axes:
-        low, high = sorted(ax.get_xlim())
-        shown = [tick for tick in ax.xaxis.get_major_ticks() if low <= tick.get_loc() <= high]
-        boxes = [tick.label1.get_window_extent() for tick in shown]
-        ends = sorted((box.x0, box.x1) for box in boxes)
-        assert all(end < begin for (_, end), (begin, _) in pairwise(ends))
-
-
-def test_rounded_values():
-    assert with_uncertainty(-0.123456, 0.0099) == "-0.1235 ± 0.0099"
-    assert with_uncertainty(123456.7, 321.0, "N") == "1.2346e+05 ± 3.2e+02 N"
 
 
 def test_the_command(scene, tmp_path, capsys):

@@ -16,10 +16,10 @@ from fecloth.study.fronts.bench import Bench, check_sizes
 from fecloth.study.fronts.front import Plan
 from fecloth.study.fronts.limit import Ladder, Limit, find_limit, is_second_order
 from fecloth.study.fronts.search import Search
-from fecloth.study.fronts.settings import Line, Setting, Settings, make_lines
+from fecloth.study.fronts.settings import Line, Setting, Settings
 from fecloth.study.problem import StudyProblem
 from fecloth.study.runs import Runs
-from fecloth.study.tuning import Goal, Reduced, narrow_gaps, search_within_budget
+from fecloth.study.tuning import Goal, Reduced, search_within_budget
 from fecloth.study.uncertainty import estimate_uncertainty
 
 LINE = Line("bdf2")
@@ -205,11 +205,6 @@ def _is_within(found, wanted):
     values = [row["value"] for row in found.rows[-4:]]
     sizes = [2.0 ** (len(values) - k) for k in range(len(values))]
     return estimate_uncertainty(sizes, values, 2.0).uncertainty / values[-1] <= wanted
-
-
-def test_a_limit_has_as_many_levels_as_asked_for(plain_records):
-    assert len(find_limit(PlainBench(), [LINE], 0.5).rows) == 3
-    assert len(find_limit(PlainBench(), [LINE], 0.5, levels=5).rows) == 5
 
 
 def test_the_limit_takes_three_fifths_of_the_time(plain_records):
@@ -499,14 +494,6 @@ def test_given_values_are_the_only_ones(problem):
     assert Plan(problem, (), {"h": None, "dt": None}, 0.01, 1.0, Runs()).values == {}
 
 
-def test_methods_of_a_function_have_the_names_of_a_scene(problem):
-    lines = make_lines(problem, ["bdf2", "CentralDifference"], None)
-    assert [line.method for line in lines] == ["bdf2", "central_difference"]
-    assert [Settings.of(problem).sizes_in_time(line) for line in lines] == ["dt", ""]
-    assert problem.choose(method="bdf2").dt == problem.dt
-    assert problem.choose(method="central_difference").dt is None  # its stable step
-
-
 # --- tune -----------------------------------------------------------------------------------------
 
 
@@ -527,18 +514,6 @@ def test_with_a_budget_tolerances_get_smaller_until_none_is_met(monkeypatch):
     assert tried == pytest.approx([10 ** (-1 - k / 2) for k in range(5)])
     assert best.at == pytest.approx(10**-2.5)
     assert why == ""
-
-
-@pytest.mark.parametrize(("halved", "divisor"), [(0.0001, 1.0), (0.00125, 1.0), (0.0025, 2.0)])
-def test_gaps_are_divided_by_what_halving_them_shows(halved, divisor, monkeypatch):
-    """The error is twice the change, of first order; a quarter of 1 % may be left."""
-    source = SimpleNamespace(finer=lambda gap: gap)
-    monkeypatch.setattr(tuning, "coarse_problem", lambda problem, settings: source)
-    monkeypatch.setattr(tuning, "run_problem", lambda bench, problem: {"status": "ok"})
-    monkeypatch.setattr(tuning, "distance", lambda bench, a, b: halved)
-    reduced = narrow_gaps(Reduced(source), SimpleNamespace(settings=None), 0.01)
-    assert reduced.problem == pytest.approx(divisor)
-    assert reduced.errors["gap"] == pytest.approx(2 * halved / divisor)
 
 
 def leave_out(monkeypatch, changes, seconds):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.errors import InputError
 from fecloth.study.fronts.bench import SHORTEST_LIMIT
 from fecloth.study.fronts.limit import LEAST_PART_OF_ORDER, shrinks
 from fecloth.study.fronts.search import Search
@@ -117,15 +116,6 @@ def test_the_search_finds_the_cheapest_of_all_settings(in_space, in_time, tolera
     assert all(row["cpu_seconds"] <= most for row in bench.rows.values())  # dear ones did not run
 
 
-@pytest.mark.parametrize("uncertainty", [0.002, 0.009])
-def test_the_uncertainty_of_the_limit_counts_as_error(uncertainty):
-    bench = PowerLaws(1.0, 1.0, {"bdf2": 1.0})
-    search = Search(bench, KnownLimit(bench, uncertainty), 0.01)
-    search.add_lines([Line("bdf2")])
-    search.run()
-    assert bench.took(search.cheapest) == cheapest_of_all(bench, 0.01, uncertainty)
-
-
 def test_a_search_ends_when_its_time_is_up_and_says_what_is_next():
     bench = PowerLaws(1.0, 1.0, {"bdf2": 100.0}, left=30.0)
     search = Search(bench, KnownLimit(bench), 1e-6)
@@ -215,18 +205,6 @@ def test_each_row_has_its_setting_its_error_and_its_seconds(hanging):
     assert max(row["h"] for row in rows) > 0.2  # coarser than half of the cloth's width is
 
 
-def test_no_row_beats_the_front_and_the_front_beats_all_others(hanging):
-    front = list(hanging.front)
-    others = [row for row in hanging.table if row["status"] == "ok" and not row["on front"]]
-    for row in others:
-        beaten = [
-            f["seconds"] <= row["seconds"] and f["at most %"] <= row["at most %"] for f in front
-        ]
-        assert any(beaten)
-    seconds = [row["seconds"] for row in front]
-    assert seconds == sorted(seconds)
-
-
 def test_the_cheapest_row_depends_on_the_tolerance(hanging):
     loose, tight = hanging.cheapest(0.05), hanging.cheapest(2e-3)
     assert loose["seconds"] < tight["seconds"]
@@ -254,37 +232,6 @@ def test_a_term_that_changes_nothing_is_needless(tmp_path):
     found = fc.study.front(scene, "tip.x", ["h", "terms"], "1%")
     assert "without PointForce" in found.needless("1%")
     assert "without Gravity" not in found.needless("1%")
-
-
-def test_given_values_of_h_are_the_only_ones():
-    found = fc.study.front(strip, "tip.x", {"h": [0.25, 0.125]}, "1%", h=0.25, probes=TIP)
-    assert {row["h"] for row in found.table} <= {0.25, 0.125}
-
-
-def test_a_time_that_is_up_is_said_with_the_next_setting():
-    found = fc.study.front(strip, "tip.x", tolerance=1e-7, seconds=0.2, h=0.25, probes=TIP)
-    assert any("CPU s" in remark for remark in found.remarks)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"axes": ["hh"]}, "must be one of h, dt"),
-        ({"tolerance": 2.0}, "between 0 and 100 %"),
-        ({"seconds": 0.0}, "seconds"),
-        ({"quantity": "tipp.x"}, "unknown quantity"),
-        ({"axes": {"element": ["P3"]}}, "must be one of P1, P2"),
-        ({"axes": {"method": ["bdf2"]}}, "an equilibrium has no method"),
-    ],
-)
-def test_mistakes_are_named(arguments, words):
-    with pytest.raises(InputError, match=words):
-        fc.study.front(strip, **{"quantity": "tip.x", "h": 0.25, "probes": TIP, **arguments})
-
-
-def test_a_quantity_that_is_zero_has_no_relative_error():
-    with pytest.raises(InputError, match="has no relative error"):
-        fc.study.front(strip, "tip.z", h=0.25, probes=TIP)
 
 
 # --- settings ------------------------------------------------------------------------------------

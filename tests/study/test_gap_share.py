@@ -90,12 +90,3 @@ def test_a_level_divides_all_gaps_of_scenes_and_functions(by, tmp_path):
         term = problem.finer(gap=by).first.system.terms[-1]
         assert term.gap == pytest.approx(GAP / by, rel=1e-12)
         assert problem.first.system.terms[-1].gap == GAP
-
-
-def test_a_problem_without_contact_has_no_share_of_a_gap():
-    def hang(h):
-        cloth, system, method, start = lay(h)
-        return cloth, fc.System(cloth, system.fabric, system.terms[:2], ["boundary"]), method, start
-
-    assert not StudyProblem.of(hang, h=0.1).has_contact
-    assert StudyProblem.of(lay, h=0.1).has_contact

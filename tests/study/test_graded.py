@@ -130,26 +130,3 @@ def test_the_command_grades_a_scene_and_its_gradings_go_into_the_scene(scene, tm
     scene.write_text(graded_by(first.removeprefix("Graded: ").rstrip(".")))
     graded = fc.load_scene(scene).mesh()
     assert len(graded.triangles) > 1.1 * len(fc.Cloth.rectangle(1.0, 0.5, 0.1).triangles)
-
-
-def message(problem, refine="h", **options):
-    with pytest.raises(fc.InputError) as caught:
-        fc.study.converge(problem, "tip.x", refine, 3, grade=True, **options)
-    return str(caught.value)
-
-
-def test_problems_that_cannot_be_graded_are_refused(scene):
-    structured = message(fc.load_scene(scene, ["cloth.pattern=right"]))
-    assert "pattern = 'right'" in structured
-    assert "unstructured" in structured
-    springs = message(fc.load_scene(scene, ["terms.0.type=Springs"]))
-    assert "Springs states no stress or moment" in springs
-    scene.write_text(graded_by('where = "left", distance = 0.2'))
-    assert "has [[cloth.grading]]" in message(fc.load_scene(scene))
-    time = '[time]\nmethod = "central_difference"\ndt = 1e-4\nt_end = 0.01\n'
-    scene.write_text(SCENE.replace("[equilibrium]\n", time))
-    assert "the smallest edge limits their step" in message(fc.load_scene(scene))
-    scene.write_text(SCENE.replace("[equilibrium]\n", time.replace("central_difference", "bdf2")))
-    assert 'refine = "h"' in message(fc.load_scene(scene), "dt")
-    plain = message(lambda h: hanging_l(h), h=0.1, probes=TIP)
-    assert "a function with the argument grading" in plain

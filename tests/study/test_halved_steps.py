@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.errors import InputError
 
 SCENE = """
 cloth = { shape = "rectangle", width = 0.4, height = 0.2, h = 0.1, pattern = "right" }
@@ -45,8 +44,3 @@ def test_the_values_have_the_order_of_the_method(tmp_path):
     study = levels(tmp_path, CHOSEN["error"], levels=4)
     *_, before, last = (abs(row["value"] - fixed) for row in study.table)
     assert 2.5 < before / last < 6
-
-
-def test_chosen_steps_can_only_be_halved(tmp_path):
-    with pytest.raises(InputError, match="must be 2: each chosen step is taken in halves"):
-        levels(tmp_path, CHOSEN["error"], ratio=1.5)

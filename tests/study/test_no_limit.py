@@ -50,14 +50,6 @@ def test_a_value_without_a_limit_has_no_uncertainty_and_its_levels_no_error(grow
     assert None not in known.table["error"]
 
 
-def test_its_figure_has_no_band_and_no_line_to_a_limit(growing):
-    errors, values = growing.figure().axes
-    assert not errors.lines
-    assert not values.patches
-    (line,) = values.lines
-    assert len(line.get_xdata()) == 4
-
-
 def test_its_budget_has_no_total_and_does_not_agree():
     """The measured value is the one of the finest level."""
     value = fc.study.converge(hung, log_of_size, levels=3, h=0.25).value

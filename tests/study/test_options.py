@@ -2,7 +2,6 @@
 
 import errno
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -13,23 +12,6 @@ from fecloth.study.problem import StudyProblem
 from fecloth.study.runs import Run
 from studies import harness
 from studies.harness import exit_status
-
-ROOT = Path(__file__).parents[2]
-SCENE = """
-cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.05 }
-fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-terms = [{ type = "StVK" }]
-pins = [{ where = "left" }]
-time = { method = "bdf2", dt = 0.01, t_end = 0.5 }
-"""
-
-
-@pytest.fixture
-def scene(tmp_path):
-    """Return the path of a scene."""
-    path = tmp_path / "flag.toml"
-    path.write_text(SCENE)
-    return path
 
 
 def parse(*arguments):
@@ -94,16 +76,6 @@ def strip(h, dt=0.01, stiffness=1000.0, method="bdf2"):
     return cloth, system, methods[method](), system.rest()
 
 
-def test_a_function_is_not_called_again_for_the_size_of_its_runs():
-    problem = StudyProblem.of(strip, h=0.25, dt=0.01, t_end=0.5)
-    triangles = len(problem.first.cloth.triangles)
-    finer = problem.at({"stiffness": 1.0}).finer(h=10, dt=2, sharper=1.0)
-    assert finer.work.triangles == pytest.approx(100 * triangles)
-    assert finer.work.steps == 100
-    assert finer.work.kind != "explicit"
-    assert StudyProblem.of(strip, h=0.25).finer(h=10).work.unit == "Newton iterations"
-
-
 def test_a_function_with_another_method_has_the_steps_of_that_method():
     chosen = StudyProblem.of(strip, h=0.25, t_end=0.5).choose(method="central")
     assert chosen.work.kind == "explicit"
@@ -111,16 +83,6 @@ def test_a_function_with_another_method_has_the_steps_of_that_method():
     assert chosen.work.steps == pytest.approx(0.5 / stable, abs=1)
     finer = chosen.finer(h=10)
     assert finer.work.steps == pytest.approx(10 * 0.5 / stable, rel=0.01)
-
-
-def test_a_function_without_h_or_dt_takes_its_own():
-    def own(h=0.5, dt=0.1):
-        cloth, system, _, start = strip(h)
-        return cloth, system, fc.BDF2(), start
-
-    problem = StudyProblem.of(own, t_end=0.2)
-    assert (problem.h, problem.dt) == (None, None)
-    assert len(problem.first.cloth.triangles) == 2 * 2 * 1
 
 
 def test_arguments_that_are_no_json_values_run_in_this_process():
@@ -132,10 +94,3 @@ def test_arguments_that_are_no_json_values_run_in_this_process():
     }
     assert Run(problem, "").case is not None
     assert Run(problem.at({"stiffness": object()}), "").case is None
-
-
-def test_the_results_go_to_the_folder_of_the_study(monkeypatch):
-    for script in ("studies/mine/__main__.py", "mine.py"):
-        monkeypatch.setattr(sys, "argv", [script])
-        assert parse().out.as_posix() == "out/mine"
-    assert parse("--out", "here").out.as_posix() == "here"

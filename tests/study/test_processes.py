@@ -11,8 +11,6 @@ from support.study_functions import fail_or_return, four_cases, read_thread_limi
 
 from fecloth import study
 from fecloth.study import processes
-from fecloth.study.cases import Case
-from fecloth.study.processes import run_in_processes
 
 pytestmark = pytest.mark.stories
 INTERRUPTED = """
@@ -79,16 +77,3 @@ def test_ctrl_c_stops_the_processes(tmp_path):
     for file in begun:
         with pytest.raises(ProcessLookupError):
             os.kill(int(file.stem), 0)
-
-
-def test_a_file_that_cannot_be_imported_is_an_error_of_the_study(tmp_path):
-    cases = [Case({}, str(tmp_path / "missing.py"), "run")]
-    with pytest.raises(ModuleNotFoundError, match="missing"):
-        list(run_in_processes(cases, 1, None))
-
-
-def test_a_process_that_cannot_start_is_an_error_of_the_study(tmp_path):
-    (tmp_path / "stops.py").write_text("import os\nos._exit(3)\n")
-    cases = [Case({}, str(tmp_path / "stops.py"), "run")]
-    with pytest.raises(RuntimeError, match="could not start"):
-        list(run_in_processes(cases, 1, None))

@@ -5,15 +5,12 @@ from support.scene_texts import STRIP
 
 import fecloth as fc
 from fecloth import study
-from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.study import measured_runs
 from fecloth.study.cases import Progress
 from fecloth.study.problem import StudyProblem
 from fecloth.study.status import TimeLimit
-
-SCENE = STRIP.partition("interest")[0]
 
 
 @pytest.fixture
@@ -70,17 +67,6 @@ def test_lines_say_what_is_stored_and_the_first_words_of_a_cause(capsys):
     assert last == "[2/2, 4 s] h / 4: ok"
 
 
-def test_a_function_that_runs_in_this_process_shows_progress(capsys):
-    def strip(h):
-        cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-        system = fc.System(cloth, fc.Fabric(0.2, 20.0), [fc.StVK()], pins=["left"])
-        return cloth, system, None, system.rest()
-
-    study.sweep(strip, "h=0.25,0.125", "area")
-    lines = capsys.readouterr().err.splitlines()
-    assert [line.rpartition("] ")[2] for line in lines[1:]] == ["h = 0.25: ok", "h = 0.125: ok"]
-
-
 def test_commands_share_the_cases_that_they_have_in_common(scene, tmp_path, capsys):
     """`sweep` runs what `converge` has run at the same values, and `compare` the same levels."""
     run = {"cache": tmp_path / "cache"}
@@ -92,31 +78,6 @@ def test_commands_share_the_cases_that_they_have_in_common(scene, tmp_path, caps
     assert "stored: 4 of 6\n" in capsys.readouterr().err
 
 
-def test_the_quantities_of_interest_share_their_runs(scene, tmp_path, capsys):
-    more = '[interest]\nquantities = ["tip.x", "max tip.z"]\n'
-    scene.write_text(SCENE + more)
-    study.converge(scene, levels=3, cache=tmp_path / "cache")
-    capsys.readouterr()
-    study.converge(scene, "max tip.z", levels=3, cache=tmp_path / "cache")
-    assert "stored: 3 of 3\n" in capsys.readouterr().err
-
-
-def test_a_sweep_builds_each_scene_once(scene, monkeypatch):
-    """Its values are checked without their meshes: only the first scene is built to check it."""
-    built = []
-    build = Scene.build
-    monkeypatch.setattr(Scene, "build", lambda self, *given: built.append(1) or build(self, *given))
-    study.sweep(scene, "fabric.tensile_stiffness=10,20,40")
-    assert len(built) == 4
-
-
-def test_values_that_only_the_mesh_refuses_are_rows_or_an_error(scene):
-    found = study.sweep(scene, {"pins.0.where": ["left", "nowhere"]}, "tip.x")
-    assert found.table["status"] == ["ok", "refused"]
-    with pytest.raises(InputError, match="nowhere"):
-        study.sweep(scene, {"pins.0.where": ["nowhere"]}, "tip.x")
-
-
 @pytest.mark.parametrize(
     "function",
     [study.converge, study.chart, study.front, fc.tune, study.simplify, study.sensitivity],
@@ -126,18 +87,6 @@ def test_a_huge_scene_is_refused_before_its_mesh_is_made(function, scene, monkey
     monkeypatch.setattr(Scene, "build", lambda self, *given: pytest.fail("it was built"))
     with pytest.raises(InputError, match="above 3,600 s"):
         function(scene)
-
-
-def test_the_command_names_its_way_out_and_its_mistakes(scene, capsys):
-    huge = ["--set", "cloth.h=1e-5"]
-    wrong = {
-        "--yes, runs it anyway": huge,
-        "jobs = 0: must be an integer of at least 1": ["--jobs", "0"],
-        "time_limit = 0.0: must be a finite number > 0": ["--time-limit", "0"],
-    }
-    for said, options in wrong.items():
-        assert cli.main(["converge", str(scene), *options]) == 2
-        assert said in capsys.readouterr().err
 
 
 def test_compilation_does_not_count_against_the_limit_of_a_variant(scene, monkeypatch):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from support.study_rows import rows_of_two
 
-from fecloth import study
 from studies import harness
 
 
@@ -78,31 +77,6 @@ def test_the_page_beside_a_study_is_written_on_demand(tmp_path, monkeypatch):
     assert page.with_suffix(".csv").read_text() == (tmp_path / "results.csv").read_text()
 
 
-def test_a_page_counts_many_findings_and_lists_the_missed_ones(tmp_path):
-    page, options = tmp_path / "page", parse(tmp_path, "--write")
-    findings = [harness.Finding(f"error {n}", n, high=13.5) for n in range(harness.LISTED + 3)]
-    harness.write_report(options, "Many", rows_of_two(), findings=findings, page=page)
-    listed = [line for line in page.with_suffix(".md").read_text().splitlines() if "- " in line]
-    assert listed[-2:] == ["- error 14: 14 <= 13.5: MISSED", "- 14 of 15 findings are met"]
-    assert "- error 0: 0 <= 13.5: met" in (tmp_path / "report.md").read_text()
-    harness.write_report(options, "Few", rows_of_two(), findings=findings[:12], page=page)
-    assert "- error 0: 0 <= 13.5: met" in page.with_suffix(".md").read_text()
-
-
-def test_a_docstring_says_what_a_study_is_about():
-    text = "Is it so?\n\nWe ask it.\nTwice.\n\n    python -m studies.so [--quick]\n"
-    assert harness.about(text) == ("Is it so?", "We ask it.\nTwice.")
-    assert harness.about(None) == ("", "")
-
-
-def test_verdicts_are_counted():
-    rows = [{"kind": kind, "is": word} for kind, word in ("ax", "ay", "ax", "by")]
-    assert harness.count_by(rows, "kind", "is") == [
-        {"kind": "a", "x": 2, "y": 1},
-        {"kind": "b", "x": "", "y": 1},
-    ]
-
-
 def test_a_failed_case_is_named_first_and_gives_exit_status_3(tmp_path, capsys):
     met = harness.Finding("order", 1.0, 0.9, 1.1)
     assert harness.write_report(parse(tmp_path), "Two", rows_of_two(), findings=[met]) == 3
@@ -111,14 +85,6 @@ def test_a_failed_case_is_named_first_and_gives_exit_status_3(tmp_path, capsys):
     assert text.startswith(f"# Two\n\n{first}")
     assert text.index("order: 1 in") > len(first)
     assert capsys.readouterr().out.startswith(first)
-
-
-def test_many_failures_are_counted(tmp_path):
-    bad = [rows_of_two()[-1] | {"dt": i} for i in range(40)]
-    harness.write_report(parse(tmp_path), "Two", [*rows_of_two(), *bad])
-    text = (tmp_path / "report.md").read_text()
-    assert text.startswith("# Two\n\n41 of 45 cases failed:")
-    assert "- and 31 more\n" in text
 
 
 @pytest.mark.parametrize("results", [(), ("failed",)])
@@ -132,12 +98,3 @@ def test_a_study_whose_cases_all_failed_has_no_verdict(tmp_path, results):
     assert "1 of 1 cases failed" in text
     for verdict in ("largest dt", "is best", "Best", "errors.png"):
         assert verdict not in text
-
-
-def test_a_study_stops_where_all_cases_failed(tmp_path):
-    options = parse(tmp_path)
-    harness.require_results(options, "Two", rows_of_two())
-    assert not (tmp_path / "report.md").exists()
-    with pytest.raises(study.StudyFailed, match="all 1 cases"):
-        harness.require_results(options, "Two", rows_of_two()[-1:])
-    assert "StepFailed: a|b" in (tmp_path / "report.md").read_text()

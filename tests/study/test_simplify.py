@@ -10,20 +10,16 @@ from support.rundirs import rows_of
 
 import fecloth as fc
 from fecloth.cli import main as cli
-from fecloth.errors import InputError
-from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import load_scene, scene_of
 from fecloth.simulation.quantity import parse_quantity
-from fecloth.simulation.quantity_values import RunRecord, relative_difference
+from fecloth.simulation.quantity_values import relative_difference
 from fecloth.study.command import StudyFailed
 from fecloth.study.measured_runs import measure
 from fecloth.study.problem import StudyProblem
-from fecloth.study.result import read_tolerance
 from fecloth.study.simplification_result import Trial, describe_trials
 from fecloth.study.simplifying import combine, is_worth, judge, simplify
 from fecloth.study.term_variants import Variant, list_variants, simpler_steps, simpler_terms
 from studies.evidence.simplify.numbers import Numbers
-from studies.evidence.simplify.predictions import find_limits, predict_change
 
 pytestmark = [pytest.mark.stories, pytest.mark.usefixtures("counted_work")]  # seconds decide
 STUDIES = Path(__file__).parents[2] / "studies"
@@ -37,55 +33,8 @@ def variants_of(scene, quantity="sag"):
     return {variant.name: variant for variant in listed}, problem
 
 
-def make_answer(h, t, columns, u, probes=()):
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
-    columns = {name: np.array(values) for name, values in columns.items()}
-    return RunRecord(np.array(t), columns, cloth, {"displacement": u(cloth.X)}, probes)
-
-
 def changes(full, other, interest):
     return {one.text: relative_difference(one, full, other) for one in interest.all}
-
-
-def test_changes_of_fields_paths_ends_and_periods():
-    def out_of_plane(slope):
-        return lambda X: np.column_stack([0 * X, slope * X[:, 0]])
-
-    def columns(t, omega, size):
-        swing = {f"tip.{c}": 3.0 + 0 * t for c in "xy"} | {"tip.z": 7 + size * np.cos(omega * t)}
-        return swing | {"sag": size * t, "area": 1.0 + 0 * t}
-
-    t, fewer = np.linspace(0, 4, 4001), np.linspace(0, 4, 2001)
-    full = make_answer(0.25, t, columns(t, 6.0, 1.0), out_of_plane(0.2), ("tip",))
-    other = make_answer(0.5, fewer, columns(fewer, 6.3, 1.0), out_of_plane(0.21), ("tip",))
-    interest = Interest(end=("displacement", "sag", "area"), path=("sag",), period=("tip.z",))
-    found = changes(full, other, interest)
-    assert found["displacement"] == pytest.approx(0.05, rel=1e-9)
-    assert found["sag"] == found["area"] == 0
-    assert found["path of sag"] == pytest.approx(0, abs=1e-12)
-    assert found["period of tip.z"] == pytest.approx(0.3 / 6.3, rel=0.02)
-    larger = make_answer(0.5, fewer, columns(fewer, 6.0, 1.1), out_of_plane(0.2), ("tip",))
-    interest = Interest(path=("tip",), end=("sag", "tip.z"))
-    assert list(changes(full, larger, interest).values()) == pytest.approx([0.1] * 3, rel=1e-5)
-
-
-def test_a_path_of_one_step_is_compared_at_the_end():
-    t = np.array([0.0, 1.0, 2.0])
-    full = make_answer(0.5, t, {"sag": t}, lambda X: np.zeros((len(X), 3)))
-    other = make_answer(0.5, t[::2], {"sag": 1.25 * t[::2]}, lambda X: np.zeros((len(X), 3)))
-    assert changes(full, other, Interest(path=("sag",))) == {"path of sag": pytest.approx(0.25)}
-
-
-def test_a_removed_term_has_a_zero_column_and_no_oscillation_has_no_period():
-    t = np.linspace(0, 1, 11)
-    full = make_answer(0.5, t, {"StVK": t}, lambda X: np.zeros((len(X), 3)))
-    without = make_answer(0.5, t, {}, lambda X: np.zeros((len(X), 3)))
-    assert changes(full, without, Interest(end=("StVK", "displacement"))) == {
-        "StVK": 1.0,
-        "displacement": 0.0,
-    }
-    with pytest.raises(InputError, match="passes its middle less than twice"):
-        changes(full, full, Interest(period=("StVK",)))
 
 
 @pytest.mark.parametrize("name", ["needs/taut", "needs/cantilever", "needs/wind", "drop", "dome"])
@@ -196,31 +145,6 @@ def test_the_predicted_sag_across_is_that_of_the_equilibrium():
     assert numbers.sag * numbers.L == pytest.approx(sag, rel=0.02)
 
 
-def test_loads_across_or_along_the_cloth():
-    one = [{"where": "left"}]
-    assert Numbers.of(make_strip(pins=one)).case == "hung"
-    along = Numbers.of(make_strip(pins=one, start={"position": ["0", "Y", "-X"]}))
-    assert (along.case, along.without_bending()) == ("along", 0.0)
-    built = along.built
-    hung = fc.equilibrium(built.system, built.start).x[:, 2].min() + 1
-    assert along.moved * along.L == pytest.approx(-hung, rel=0.02)
-
-
-def test_long_damped_steps_have_no_time_error_at_rest():
-    scene = load_scene(STUDIES / "scenes" / "hanging_strip.toml")
-    numbers = Numbers.of(scene)
-    assert numbers.time_error(100.0) < 1e-9
-    named, _ = variants_of(scene)
-    assert predict_change(named["dt × 2"], numbers) < 1e-3
-    assert predict_change(named["explicit"], numbers) == 1.0  # without damping it swings forever
-
-
-def test_a_scene_without_loads_has_no_predictions():
-    scene = make_strip(terms=[{"type": "StVK"}])
-    listed = variants_of(scene)[0].values()
-    assert {predict_change(variant, Numbers.of(scene)) for variant in listed} == {None}
-
-
 def test_the_reduced_scene_is_within_the_tolerance(tmp_path):
     result = simplify(SCENES / "taut.toml", "2%", folder=tmp_path, repeats=1)
     data = tomllib.loads((tmp_path / "reduced.toml").read_text())
@@ -278,13 +202,6 @@ def test_a_scene_that_is_not_resolved_keeps_its_mesh():
     assert verdicts["h × 0.5"] == "not resolved"
     assert verdicts["h × 2"] == verdicts["h × 1.5"] == "by chance"
     assert (verdicts["dt × 0.5"], verdicts["dt × 2"]) == ("resolved", "not needed")
-
-
-def test_an_error_above_the_tolerance_whose_change_is_below_it_is_not_resolved():
-    """Half of h shows three quarters of the error: 0.9 % of 1.2 %."""
-    verdicts, words = judge_changes({"h × 0.5": 0.009, "h × 1.5": 0.008})
-    assert words[0].startswith("not resolved to 1 %: the error of the mesh is about 1.2 %")
-    assert verdicts["h × 1.5"] == "by chance"
 
 
 def test_a_resolved_scene_may_have_larger_triangles():
@@ -441,39 +358,10 @@ def test_an_equilibrium_in_place_of_a_motion_to_rest_is_a_scene():
     np.testing.assert_allclose(moved, expected, atol=1e-9)
 
 
-def test_what_the_predictions_do_not_cover_is_said():
-    assert find_limits(Numbers.of(make_strip())) == []
-    bent = make_strip(start={"position": ["X", "Y", "0.1*X**2"]})
-    assert find_limits(Numbers.of(bent)) == ["the cloth does not start flat"]
-    assert find_limits(Numbers.of(make_strip(terms=[{"type": "StVK"}]))) == [
-        "no load acts at the start"
-    ]
-
-
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        ({"tolerance": "0%"}, "must lie between 0 and 100 %"),
-        ({"tolerance": "much"}, "tolerance = much"),
-        ({"quantity": "tipp.z"}, "unknown quantity"),
-        ({"quantity": len}, "a function as quantity"),
-        ({"quantity": "sag"}, "sag = 0: cannot show what changes it"),
-        ({"most_seconds": 1e-3}, "above 0 s"),
-    ],
-)
-def test_mistakes(static, more, message):
-    with pytest.raises(InputError, match=message):
-        simplify(static, **more)
-
-
 def test_a_scene_that_fails_itself_ends_the_study(static):
     static.write_text(STATIC.replace("tensile_stiffness = 20.0", "tensile_stiffness = 1e-6"))
     with pytest.raises(StudyFailed, match="the scene itself fails"):
         simplify(static)
-
-
-def test_tolerances_are_numbers_or_percent():
-    assert read_tolerance("1%") == read_tolerance("0.01") == read_tolerance(0.01) == 0.01
 
 
 def test_the_command(static, tmp_path, capsys):

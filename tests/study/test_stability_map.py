@@ -8,7 +8,6 @@ from support.rundirs import rows_of
 
 import fecloth as fc
 from fecloth.cli import main as cli
-from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.study.figures import MOST_GROUPS
 from fecloth.study.problem import StudyProblem
@@ -167,26 +166,6 @@ def test_energy_made():
     energies = {"kinetic": kinetic, "Gravity": gravity, "pins": np.zeros(3)}
     energies["total"] = kinetic + gravity
     assert energy_made(energies) == pytest.approx(1 / 5)  # 1 J of the 3 J + 2 J that moved
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"methods": ["bdf3"]}, "method 'bdf3': .*Did you mean 'bdf2'"),
-        ({"methods": []}, r"methods = \[\]"),
-        ({"over": "fabric.tensil=1,2"}, "tensil"),
-        ({"over": "fabric.tensile_stiffness"}, "must be a key and its values"),
-    ],
-)
-def test_mistakes(scene, arguments, message):
-    with pytest.raises(InputError, match=message):
-        fc.study.stability(scene, **arguments)
-
-
-def test_an_equilibrium_is_refused(scene):
-    scene.write_text(SCENE.partition("[time]")[0] + "[equilibrium]\n")
-    with pytest.raises(InputError, match="an equilibrium: has no steps in time"):
-        fc.study.stability(scene)
 
 
 def test_the_command(scene, tmp_path, capsys):

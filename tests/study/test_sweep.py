@@ -12,7 +12,6 @@ from fecloth.cli import main as cli
 from fecloth.cli.studies import converge, sweep
 from fecloth.cli.study_command import name_question
 from fecloth.errors import InputError
-from fecloth.study.result import read_tolerance
 from fecloth.study.variants import parse_range, read_ranges
 from studies.references.closed_forms import hanging_strip_tip
 
@@ -72,30 +71,6 @@ def test_a_refused_value_has_a_row_with_its_reason_and_the_others_run(scene):
     assert "1 of 2 runs failed" in mesh.verdict
 
 
-@pytest.mark.parametrize(
-    ("over", "more", "message"),
-    [
-        ("fabric.tensil=1,2", {}, "tensil"),
-        ("fabric.tensile_stiffness", {}, "must be a key and its values"),
-        ("fabric.tensile_stiffness=1:2:cubic:3", {}, "must be a key and its values"),
-        (
-            "fabric.tensile_stiffness=0:2:log:3",
-            {},
-            "its values|finite values",
-        ),
-        ("fabric.tensile_stiffness=1,2", {"quantity": "tpi.x"}, "tpi.x: unknown quantity"),
-        ("stiffness", {}, r"^values 'stiffness': must be a key"),
-        ({"cloth.h": 0.1}, {}, "values of cloth.h = 0.1: must be a list"),
-        ({}, {}, "must be a key and its values"),
-    ],
-)
-@pytest.mark.filterwarnings("ignore")
-def test_mistakes(scene, over, more, message):
-    with pytest.raises(InputError, match=message) as refusal:
-        fc.study.sweep(scene, over, **more)
-    assert "/tmp" not in str(refusal.value)
-
-
 def test_ranges():
     assert parse_range("a.b=0:1:lin:3") == ("a.b", [0.0, 0.5, 1.0])
     assert parse_range("a=1,2.5,bdf2") == ("a", [1, 2.5, "bdf2"])
@@ -146,19 +121,3 @@ def test_a_study_shows_what_is_to_be_checked_in_the_set_up(scene, tmp_path, caps
     assert line in found.summary()
     assert "check: " in found.report(tmp_path / "report").read_text()
     assert found.warnings == ()
-
-
-def test_a_setting_that_the_function_does_not_take_is_refused_at_once():
-    with pytest.raises(InputError, match="stifness = 2.0.*Did you mean 'stiffness'"):
-        fc.study.of(strip, h=0.25, stifness=2.0)
-    with pytest.raises(InputError, match="^problem = 3: must be a scene"):
-        fc.study.of(3)
-
-
-def test_a_tolerance_in_percent_without_its_sign_is_refused_with_the_remedy():
-    assert read_tolerance("2 %") == read_tolerance(0.02) == 0.02
-    with pytest.raises(InputError, match="tolerance = 2: .* For 2 percent write 2%"):
-        read_tolerance("2")
-    with pytest.raises(InputError) as refused:
-        read_tolerance("300 %")
-    assert not refused.value.remedy

@@ -3,19 +3,16 @@
 import math
 import re
 import tomllib
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import fecloth as fc
 from fecloth.cli import main as cli
-from fecloth.errors import InputError
 from fecloth.scene.scene import load_scene, scene_of
 from fecloth.simulation.quantity_values import relative_difference
 from fecloth.study.command import StudyFailed
 from fecloth.study.fronts.bench import Bench
-from fecloth.study.fronts.drawing import bound_of
 from fecloth.study.fronts.settings import Settings
 from fecloth.study.problem import StudyProblem
 from fecloth.study.result import Table
@@ -69,12 +66,6 @@ def tuned_strip(tmp_path_factory, counted_work):
     """The strip, tuned with P1 only."""
     folder = tmp_path_factory.mktemp("strip")
     return fc.tune(write(folder, STRIP), "1%", elements=["P1"], folder=folder)
-
-
-def test_without_a_known_error_the_summary_has_no_table(tuned_strip):
-    assert "settings; the report has all" in tuned_strip.summary()
-    unknown = replace(tuned_strip, table=Table(()))
-    assert unknown.summary() == "\n".join(unknown.words())
 
 
 def largest_error(exact, tuned):
@@ -184,12 +175,6 @@ def test_the_command_writes_a_scene_that_runs(strip, tmp_path, capsys):
     assert "out/report.html" in told
 
 
-def test_a_bare_budget_on_the_command_line_is_in_seconds(strip, tmp_path, capsys):
-    words = ["--elements", "P1", "-o", str(tmp_path / "out")]
-    assert cli.main(["tune", str(strip), "--budget", "0", *words]) == 2
-    assert "budget = 0.0: must be a time > 0" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("error", [1.4, math.nan])
 def test_a_setting_that_is_not_proved_is_reported_without_nan(tmp_path, error):
     row = {"element": "P1", "status": "ok", "seconds": 0.1, "error": error, "tuned": True}
@@ -200,15 +185,6 @@ def test_a_setting_that_is_not_proved_is_reported_without_nan(tmp_path, error):
     page = tuned.report(tmp_path).read_text()
     assert "CPU time: 0.1 s" in page
     assert tuned.exit_status == 1
-
-
-def test_the_figure_has_a_ring_at_the_tuned_run_and_a_line_at_the_tolerance(tuned_strip):
-    (ax,) = tuned_strip.figure().axes
-    (own,) = [row for row in tuned_strip.table if row["tuned"]]
-    (ring,) = [line for line in ax.lines if line.get_markersize() == 18]
-    assert ring.get_xydata().tolist() == [[own["seconds"], bound_of(own, " %")]]
-    dashed = [line for line in ax.lines if line.get_ls() == "--" and line.get_color() == "k"]
-    assert [set(line.get_ydata()) for line in dashed] == [{1.0}]
 
 
 # --- what proves nothing --------------------------------------------------------------------------
@@ -271,34 +247,6 @@ def test_a_scene_that_fails_on_every_mesh_says_the_cause(tmp_path):
         fc.tune(write(tmp_path, torn), elements=["P1"])
 
 
-def test_a_scene_that_takes_far_too_long_is_refused_before_it_runs(tmp_path, monkeypatch):
-    path = write(tmp_path, STRIP.replace("{}", "{ load_steps = 999999 }"))
-    monkeypatch.setattr("fecloth.study.tuning.find_tuned", lambda *_, **__: pytest.fail("runs"))
-    with pytest.raises(InputError, match="above 3,600 s"):
-        fc.tune(path)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"tolerance": "0%"}, "between 0 and 100 %"),
-        ({"budget": "soon"}, "budget"),
-        ({"tolerance": "1%", "budget": 1.0}, "only one of them may be given"),
-        ({"tolerance": "1%", "to_data": True}, "give one of them"),
-        ({"budget": -1.0}, "must be a time > 0"),
-        ({"seconds": 0.0}, "seconds"),
-        ({"methods": ["bdf2"]}, "an equilibrium has no method"),
-        ({"elements": ["P3"]}, "must be one of P1, P2"),
-        ({"quantity": "tipp.z"}, "tip"),
-        ({"quantity": "tip.y", "elements": ["P1"]}, "has no relative error"),
-        ({"quantity": lambda result: 1.0}, "must be a text"),
-    ],
-)
-def test_mistakes_are_named(strip, arguments, words):
-    with pytest.raises(InputError, match=words):
-        fc.tune(strip, **arguments)
-
-
 # --- terms ----------------------------------------------------------------------------------------
 
 
@@ -310,17 +258,6 @@ def reduced_terms(source, tolerance=0.01):
 
 
 @pytest.mark.stories
-def test_a_term_that_changes_nothing_is_left_out(tmp_path):
-    force = ' { type = "PointForce", where = "bottom", force = [0, 1e-9, 0] }]\npins'
-    path = write(tmp_path, STRIP.replace("]\npins", f",{force}", 1))
-    reduced = reduced_terms(path)
-    assert "without PointForce" in reduced.changes
-    assert "without Gravity" not in reduced.changes
-    assert "PointForce" not in [term["type"] for term in reduced.problem.tables["terms"]]
-    assert reduced.errors["model"] <= 0.25 * 0.01
-
-
-@pytest.mark.stories
 def test_a_membrane_in_free_fall_is_not_left_out():
     """Nothing stretches the cloth, so that no run of the search would miss its membrane."""
     time = {"method": "bdf2", "dt": 0.02, "t_end": 0.1}
@@ -329,13 +266,6 @@ def test_a_membrane_in_free_fall_is_not_left_out():
     assert "without StVK" not in reduced.changes
     types = {term["type"] for term in reduced.problem.tables["terms"]}
     assert types & {"StVK", "Springs"}
-
-
-def test_a_function_has_no_terms_to_write():
-    problem = StudyProblem.of(pulled_strip, h=0.1, dt=0.005, t_end=0.05, probes=TIP)
-    bench = Bench(Settings.of(problem), problem.quantities, Runs(quiet=True), 100.0)
-    with pytest.raises(InputError, match="needs a scene"):
-        leave_out_terms(Reduced(problem), bench, 0.01)
 
 
 @pytest.mark.stories

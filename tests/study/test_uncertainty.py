@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from fecloth.errors import InputError
 from fecloth.study.uncertainty import estimate_uncertainty, observed_order
 
 H4 = np.array([0.8, 0.4, 0.2, 0.1])
@@ -195,8 +194,3 @@ def test_orders_of_three_levels():
     assert observed_order(h, h**-0.5) == pytest.approx(-0.5)
     assert observed_order(h, h**2.5) == pytest.approx(2.5)
     assert np.isnan(observed_order(h, np.array([0.0, 1.0, 0.5])))
-
-
-def test_too_few_levels():
-    with pytest.raises(InputError, match="2 levels of different size: must be at least 3"):
-        estimate_uncertainty([0.1, 0.2, 0.2], [1, 2, 2], 2)

@@ -8,7 +8,6 @@ import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.scene.scene import load_scene
 from fecloth.study import work
-from fecloth.study.cases import Progress
 from fecloth.study.problem import StudyProblem
 from fecloth.study.runs import Run, Runs, announce
 from fecloth.study.work import Work, in_magnitude
@@ -66,32 +65,6 @@ def test_kinds_of_steps_and_load_steps_count():
     assert five.unit == "Newton iterations"
     assert work_of(SCENES / "drop.toml").kind == "with contact"
     assert work_of(SCENES / "swing.toml").kind == "implicit"
-
-
-# Measured CPU seconds by triangles and steps: a scene at several h, with the first case first.
-MEASURED = {
-    "swing": ("implicit", [(66, 20, 0.136), (242, 20, 0.176), (944, 20, 0.297), (3720, 20, 1.52)]),
-    "swing, smaller dt": ("implicit", [(242, 20, 0.176), (242, 80, 0.632)]),
-    "drape": ("implicit", [(56, 20, 0.2), (200, 20, 0.39), (794, 20, 0.96), (3112, 20, 6.2)]),
-    "flag": ("implicit", [(85, 25, 0.59), (267, 25, 0.74), (941, 25, 1.24)]),
-    "drop": ("with contact", [(26, 40, 1.75), (90, 40, 2.35), (296, 40, 2.4), (26, 80, 3.07)]),
-    "strip": ("static", [(40, 10, 0.127), (200, 10, 0.186), (800, 10, 0.174), (3200, 10, 0.386)]),
-    "disk": ("static", [(212, 50, 0.222), (780, 50, 0.358), (3058, 50, 1.30)]),
-    "string": (
-        "explicit",
-        [(32, 224, 0.22), (128, 448, 0.46), (512, 895, 1.09), (2048, 1789, 4.4)],
-    ),
-}
-
-
-@pytest.mark.parametrize("name", MEASURED)
-def test_the_time_left_after_the_first_case_is_right_within_a_factor_of_3(name):
-    kind, cases = MEASURED[name]
-    costs = [Work(triangles, steps, kind).seconds for triangles, steps, _ in cases]
-    seconds = [measured for _, _, measured in cases]
-    progress = Progress(costs)
-    progress.add(costs[0], seconds[0])
-    assert 1 / 3 < progress.seconds_left / sum(seconds[1:]) < 3
 
 
 def test_the_estimated_seconds_of_a_case_by_hand():

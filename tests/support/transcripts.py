@@ -32,7 +32,7 @@ def blocks(name: str) -> list[tuple[str, str]]:
 def answer(asked: str) -> str:
     """What a command says on both streams and its exit status, or the words of a call's error.
 
-    A command is given in the folder of its scene.
+    A command is given in a folder with the scenes of `FOLDER`.
     """
     if asked.startswith(">>> "):
         return words(refusal(asked))
@@ -58,10 +58,15 @@ def words(error: fc.InputError) -> str:
     return re.sub("0x[0-9a-f]+", "0x…", str(error))
 
 
+def copy_scenes() -> list[Path]:
+    """Copy the scenes that commands name into the working directory."""
+    return [Path(shutil.copy(scene, scene.name)) for scene in sorted(FOLDER.glob("*.toml"))]
+
+
 def write(path: Path) -> None:
     """Write all answers of a text anew."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        shutil.copy(FOLDER / "scene.toml", "scene.toml")
+        copy_scenes()
         made = [f"{asked}\n{answer(asked)}\n" for asked, _ in blocks(path.name)]
     path.write_text("\n".join(made), encoding="utf-8")
 

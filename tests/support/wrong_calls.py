@@ -2,17 +2,34 @@
 
 import math as math
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+from support.study_functions import fail_or_return as fail_or_return
+from support.study_functions import return_setting as return_setting
 
 import fecloth as fc
+from fecloth import study as study
 from fecloth.homogenisation import bending_tensor as bending_tensor
 from fecloth.homogenisation import strip_rigidity as strip_rigidity
 from fecloth.integrators.protocol import MethodTraits as MethodTraits
+from fecloth.quantities.columns import factor_to_si as factor_to_si
+from fecloth.quantities.formula import Formula as Formula
+from fecloth.quantities.units import AREAL as AREAL
+from fecloth.quantities.units import MOMENT as MOMENT
+from fecloth.quantities.units import PER_WIDTH as PER_WIDTH
+from fecloth.quantities.units import TIME as TIME
+from fecloth.quantities.units import quantity as quantity
+from fecloth.simulation.quantity import parse_quantity as parse_quantity
+from fecloth.simulation.quantity_values import RunRecord
+from fecloth.simulation.quantity_values import signal_period as signal_period
+from fecloth.simulation.quantity_values import value_of as value_of
 from fecloth.simulation.resolve import solver_for as solver_for
 from fecloth.simulation.stability_limited import StabilityLimited as StabilityLimited
 from fecloth.stability import amplification as amplification
 from fecloth.stability import estimate as estimate
+from fecloth.study.result import read_tolerance as read_tolerance
+from fecloth.study.uncertainty import estimate_uncertainty as estimate_uncertainty
 from fecloth.system.constraints import Constraints as Constraints
 
 NAN, INF = float("nan"), float("inf")
@@ -83,3 +100,21 @@ BDF2 = fc.BDF2()
 
 def marched(system=SYSTEM, method=BDF2, state=START, dt=0.01, t_end=0.02, **options):
     return fc.run(system, method, state, dt, t_end, **options)
+
+
+# what a run has recorded, and problems of studies
+COLUMNS = ["tip.x", "tip.y", "tip.z", "sag", "StVK", "reaction:left.z"]
+RECORD = RunRecord(np.linspace(0, 2, 9), {"sag": np.linspace(0, 2, 9)}, frequencies=(3.0,))
+TIP = [fc.Probe("tip", "right")]
+
+
+def strip(h, dt=0.1, stiffness=20.0):
+    """A strip that hangs in its plane, at rest."""
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+    system = fc.System(cloth, fc.Fabric(0.2, stiffness), terms, ["left"])
+    return cloth, system, None, system.rest()
+
+
+def scene():
+    return fc.load_scene(Path(__file__).parents[1] / "messages" / "static.toml")

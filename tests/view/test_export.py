@@ -174,46 +174,9 @@ def test_texture_coordinates_keep_the_shape():
     assert st.tolist() == [[0, 0], [1, 0], [0, 0.5]]
 
 
-@pytest.mark.parametrize(
-    ("name", "more", "words"),
-    [
-        ("cloth.abc", [], r"must end in .usda or .obj"),
-        ("cloth.usda", ["--fps", "0"], r"fps = 0.0: must be finite and > 0"),
-        ("cloth.usda", ["--fps", "inf"], r"must be finite and > 0"),
-        ("cloth.obj", ["--fps", "0"], r"fps = 0.0: must be finite and > 0"),
-    ],
-)
-def test_what_is_wrong_is_said(run, tmp_path, capsys, name, more, words):
-    assert main(["export", str(run), "-o", str(tmp_path / name), *more]) == 2
-    assert words in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
-def test_high_rates_are_taken(run, tmp_path):
-    for fps in (800.0, 1e6):
-        assert "timeSamples" in fc.export(run, tmp_path / "a.usda", fps)[0].read_text()
-
-
 def test_numbered_files_of_a_longer_run_are_not_mixed_with_a_shorter_one(run, tmp_path):
     fc.export(run, tmp_path / "a.obj")
     fc.export(run, tmp_path / "a.obj")  # the same run may be written again
     (tmp_path / "a_0004.obj").write_text("o cloth\n")
     with pytest.raises(fc.InputError, match=r"a_0004.obj: is of a run with more than 4 frames"):
         fc.export(run, tmp_path / "a.obj")
-
-
-def test_a_folder_without_frames_is_refused(tmp_path):
-    with pytest.raises(fc.InputError, match="has no frames"):
-        fc.export(tmp_path, tmp_path / "a.usda")
-
-
-@pytest.mark.parametrize("given", ["swing_0.1", "swing_0.1.pvd"])
-def test_frames_of_write_vtk_are_exported_by_their_name(given, tmp_path):
-    system = fc.System(fc.Cloth.rectangle(1.0, 1.0, h=0.5), fc.Fabric(0.2, 1e3, 0.3), [fc.StVK()])
-    state = system.rest()
-    moved = system.state(state.x + (0.0, 0.0, 0.25))
-    written = fc.write_vtk(tmp_path / "swing_0.1", system.cloth, [state, moved])
-    assert written == tmp_path / "swing_0.1.pvd"
-    files = fc.export(tmp_path / given, tmp_path / "cloth.obj")
-    assert [file.name for file in files] == ["cloth_0000.obj", "cloth_0001.obj"]
-    assert files[1].read_text(encoding="utf-8").count(" 0.25\n") == len(state.x)

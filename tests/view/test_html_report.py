@@ -1,23 +1,16 @@
 """report.html: what it says, that it stands alone, and what it costs."""
 
 import base64
-import itertools
 import json
 import re
-import sys
 
-import matplotlib
 import numpy as np
 import pytest
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.output.frame_arrays import fields
-from fecloth.output.frame_reader import Frame
-from fecloth.simulation.shapes import stretch_row
 from fecloth.view.charts import Chart, draw, observed_charts
-from fecloth.view.html_report import read_table, write_report
-from fecloth.view.web_page import VIRIDIS
+from fecloth.view.html_report import read_table
 
 SCENE = """
 title = "a <sheet> & its report"
@@ -110,22 +103,6 @@ def test_labels_of_an_axis_are_inside_the_picture(size, mean, log):
     assert max(widths) < -5 - title - 2  # 2: below its line
 
 
-def test_labels_that_would_be_long_are_differences():
-    t = np.array([0.0, 1.0])
-    (figure,) = draw([Chart("a", "label", t, {"a": 1 + 1e-9 * t})])
-    assert ">label, above 1<" in figure
-    assert re.findall(r'x="-5"[^>]*>([^<]*)<', figure)[:3] == ["0", "2e−10", "4e−10"]
-    (figure,) = draw([Chart("a", "label", t, {"a": 1e7 * t})])
-    assert ">label<" in figure
-    assert ">8000000<" in figure
-    assert ">1e7<" in figure
-
-
-def test_the_colours_are_viridis():
-    viridis = matplotlib.colormaps["viridis"](np.linspace(0, 1, len(VIRIDIS)))
-    assert [matplotlib.colors.to_hex(colour) for colour in viridis] == list(VIRIDIS)
-
-
 def test_remainder_is_shown_as_a_share_of_the_moving_energy(run, tmp_path):
     page = run()[1]
     ledger = np.genfromtxt(tmp_path / "run/energies.csv", delimiter=",", names=True)
@@ -142,10 +119,6 @@ def test_page_needs_no_other_files(run):
     page = re.sub(r'xmlns(:xlink)?="http://www.w3.org/[^"]*"', "", page)  # names, not addresses
     assert not re.search(r'https?://|\bsrc=|\bhref="[^#]|@import|url\([^#]', page)
     assert "{{" not in page.split("<script")[0]
-
-
-def test_it_is_for_phones(run):
-    assert '<meta name="viewport" content="width=device-width' in run()[1]
 
 
 def test_what_may_be_a_mistake_in_the_set_up_is_at_the_top(run):
@@ -179,13 +152,6 @@ def test_strains_are_those_of_the_frames(run, tmp_path):
         assert table["largest"][i] == pytest.approx(stretches.max(), rel=1e-12)
 
 
-def test_percentiles():
-    row = stretch_row(
-        0.0, np.column_stack([np.linspace(0.5, 1.0, 101), np.linspace(1.0, 2.0, 101)])
-    )
-    assert list(row.values()) == pytest.approx([0.0, 0.5, 0.505, 1.5, 1.99, 2.0])
-
-
 def test_an_empty_cell_of_a_table_is_no_number(tmp_path):
     file = tmp_path / "strains.csv"
     file.write_text("t,1 %\n0,\n1,2.5\n")
@@ -212,15 +178,6 @@ def test_a_chart_of_many_points_is_small_and_shows_peaks():
     assert share == pytest.approx(0.54321, abs=1e-3)
 
 
-def test_there_is_no_chart_without_two_points():
-    x = np.array([0.0, 1.0])
-    charts = [
-        Chart("negative", "y", x, {"y": np.array([-1.0, -2.0])}, log=True),
-        Chart("short", "y", x[:1], {"y": x[:1]}),
-    ]
-    assert draw(charts) == []
-
-
 @pytest.mark.parametrize(("log", "gap"), [(True, 0.0), (True, np.nan), (False, np.nan)])
 def test_a_curve_has_a_gap_where_it_has_no_value(log, gap):
     broken = np.array([1.0, 2.0, gap, gap, 50.0, 60.0, gap, 90.0, 100.0])
@@ -228,39 +185,3 @@ def test_a_curve_has_a_gap_where_it_has_no_value(log, gap):
     points, pieces = path_of(figure)
     assert (len(points), pieces) == (6, 3)
     assert "nan" not in figure
-
-
-def test_a_constant_value_is_not_on_the_border_of_a_logarithmic_axis():
-    t = np.array([0.0, 1.0])
-    (figure,) = draw([Chart("dt", "dt [s]", t, {"dt": np.array([0.01, 0.01])}, log=True)])
-    assert re.findall(r">(0.\d+|1)</text>", figure)[-3:] == ["0.001", "0.01", "0.1"]
-
-
-def test_the_same_charts_are_the_same_text():
-    t = np.array([0.0, 1.0])
-    charts = [Chart("a", "y", t, {"a": t, "b": 2 * t}), Chart("b", "y", t, {"c": 1 + t}, log=True)]
-    assert draw(charts) == draw(charts)
-    assert draw(charts[1:]) == draw(charts)[1:]
-
-
-def test_it_is_cheap(run, tmp_path):
-    """It makes no more calls for 20,000 triangles than for 5,000: no loop of Python over them."""
-    run()
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    names = ("steps", "energies", "observed", "strains")
-    tables = {name: read_table(tmp_path / f"run/{name}.csv") for name in names}
-
-    def count_calls(h):
-        cloth = fc.Cloth.rectangle(1.0, 1.0, h=h, pattern="right")
-        system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], pins=["left"])
-        state, calls = system.state(1.01 * system.rest().x), itertools.count()
-        frame = Frame(0.0, state.x, cloth.cells, *fields(system, state))
-        sys.setprofile(lambda *_: next(calls))
-        write_report(tmp_path / "run", summary, tables, frame)
-        sys.setprofile(None)
-        return len(cloth.triangles), next(calls)
-
-    count_calls(0.1)  # reads the template
-    (few, first), (many, second) = count_calls(0.02), count_calls(0.01)
-    assert (few, many) == (5_000, 20_000)
-    assert abs(second - first) < 1_000

@@ -11,6 +11,7 @@ from fecloth.study.figures import (
     label_ends,
     line_style,
     new_figure,
+    remove_overlaps,
     use_plain_ticks,
 )
 from fecloth.study.status import OK
@@ -70,8 +71,8 @@ def draw_front(table: Sequence[Row], title: str, quantity: str, unit: str) -> Fi
 
     The errors are in % of the size of the quantity or, if a row has none, in its `unit`. Up to
     eight series are lines, the points of all others are grey. A setting whose error is below its
-    uncertainty has only a bound: its mark is open. The points on the front say h and dt. Without
-    any error the figure only says so.
+    uncertainty has only a bound: its mark is open. The points say h and dt, those on the front
+    first, where there is room. Without any error the figure only says so.
     """
     drawing, ax = new_figure(size=(10.0, 6.0))
     series = series_of(table)
@@ -89,12 +90,18 @@ def draw_front(table: Sequence[Row], title: str, quantity: str, unit: str) -> Fi
     for name in names[MOST_GROUPS:]:
         ax.plot(*_points(series[name], percent), ".", color="0.7", ms=5)
     ends = []
+    front = best_rows(known)
+    wide = {"color": "0.2", "lw": 9, "alpha": 0.2, "zorder": 1, "solid_capstyle": "round"}
+    ax.plot(*_points(front, percent), **wide)
+    labels = [_label_sizes(ax, row, percent, "0.2") for row in front]
     for i, name in enumerate(names[:MOST_GROUPS]):
         style = line_style(i)
         _draw_marks(ax, series[name], percent, {**style, "ls": "", "ms": 4, "alpha": 0.35})
-        x, y = _draw_marks(ax, best_rows(series[name]), percent, style)
+        rows = best_rows(series[name])
+        x, y = _draw_marks(ax, rows, percent, style)
         ends.append((name, str(style["color"]), x[-1], y[-1]))
-    _draw_best(ax, best_rows(known), percent)
+        others = (row for row in rows if row not in front)
+        labels += [_label_sizes(ax, row, percent, str(style["color"])) for row in others]
     x, y = _points(known, percent)
     floor = known[0][f"uncertainty{percent}"]  # of the limit, so it is the same in all rows
     lowest = min(*y, floor or math.inf)  # 0 has no place on a logarithmic axis
@@ -105,29 +112,26 @@ def draw_front(table: Sequence[Row], title: str, quantity: str, unit: str) -> Fi
         ax.text(0.01, 0.012, below, transform=ax.transAxes, fontsize=9, color="0.35")
     use_plain_ticks(ax)
     label_ends(ax, ends)
+    remove_overlaps(labels)
     return drawing
 
 
-def _draw_best(ax: Any, rows: Sequence[Row], percent: str) -> None:
-    """Draw the front as a wide grey line, and write h and dt beside its points."""
-    wide = {"color": "0.2", "lw": 9, "alpha": 0.2, "zorder": 1, "solid_capstyle": "round"}
-    x, y = _points(rows, percent)
-    ax.plot(x, y, **wide)
-    for row, seconds, error in zip(rows, x, y, strict=True):
-        sizes = [f"h {1e3 * row['h']:.3g} mm"] if row.get("h") else []
-        if row.get("rtol"):
-            sizes.append(f"rtol {row['rtol']:.3g}/s")
-        elif row.get("dt"):
-            sizes.append(f"dt {1e3 * row['dt']:.3g} ms")
-        ax.annotate(
-            ", ".join(sizes),
-            (seconds, error),
-            xytext=(4, 4),
-            textcoords="offset points",
-            fontsize=7,
-            color="0.3",
-            annotation_clip=True,
-        )
+def _label_sizes(ax: Any, row: Row, percent: str, colour: str) -> Any:
+    """Write h and dt of a row beside its point, and return the text."""
+    sizes = [f"h {1e3 * row['h']:.3g} mm"] if row.get("h") else []
+    if row.get("rtol"):
+        sizes.append(f"rtol {row['rtol']:.3g}/s")
+    elif row.get("dt"):
+        sizes.append(f"dt {1e3 * row['dt']:.3g} ms")
+    return ax.annotate(
+        ", ".join(sizes),
+        (row["seconds"], bound_of(row, percent)),
+        xytext=(4, 4),
+        textcoords="offset points",
+        fontsize=7,
+        color=colour,
+        annotation_clip=True,
+    )
 
 
 def _draw_marks(ax: Any, rows: Sequence[Row], percent: str, style: Mapping) -> tuple[list, list]:

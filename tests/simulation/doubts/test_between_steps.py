@@ -1,21 +1,16 @@
 """Motions of pins and loads that fixed steps do not see are named before the run."""
 
-import warnings
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from support.planned import STRIP, along_z, strip, warnings_before
 
 import fecloth as fc
 from fecloth.simulation.doubts.planned_run import PlannedRun
-from fecloth.simulation.doubts.signals import find_signals
 from fecloth.simulation.doubts.unseen import (
     _missed_impulse,
     _without_uniform_motion,
     find_missed,
     find_missed_by_load_steps,
-    missed_share,
 )
 from fecloth.simulation.load_steps import LoadSteps
 
@@ -103,21 +98,6 @@ def test_resolved_motions_and_loads_cause_no_warning(name):
     assert not missed(0.005, 0.3, **STORIES[name])
 
 
-def test_a_function_that_fails_is_left_to_the_run():
-    assert not missed(0.01, 0.3, motion=lambda t: 1 / 0 if t > 0.2 else (0, 0, 0))
-
-
-def test_long_runs_take_a_bounded_time():
-    counted = []
-
-    def p(t):
-        counted.append(t)
-        return np.sin(t)
-
-    assert not missed(1e-6, 10.0, load=fc.Pressure(p))
-    assert len(counted) <= 2**13 + 2
-
-
 @pytest.mark.parametrize(("dt", "most"), [(1e-3, 2**13 + 2**10), (None, 2**13)])
 def test_all_warnings_together_evaluate_a_motion_a_bounded_number_of_times(dt, most):
     """In even samples and steps, and in the search for a jump in eight intervals."""
@@ -132,32 +112,6 @@ def test_all_warnings_together_evaluate_a_motion_a_bounded_number_of_times(dt, m
         counted.clear()
         assert warnings_before(held, dt) == []
         assert len(counted) <= most + 8 * 30 + 5
-
-
-def test_a_motion_that_differs_from_node_to_node_is_evaluated_a_bounded_number_of_times():
-    """At some of the nodes of a long edge, and at fewer times than a motion of time alone."""
-    cloth, counted = fc.Cloth.rectangle(1.0, 1.0, h=0.02, pattern="right"), []
-    pin = fc.Pin("left", ("0", "0", "0.1 * sin(9 * t + Y)"))
-    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK()], [pin])
-    (signal,) = find_signals(system, system.rest(), 1.0, True)
-
-    def values(times):
-        counted.append(signal.values(times))
-        return counted[-1]
-
-    missed_share(replace(signal, values=values), 1e-5, (0.0, 1.0))
-    assert 2**14 < sum(map(len, counted)) <= 2**15
-    assert all(3 * 8 <= g.shape[1] <= 3 * 16 for g in counted)
-
-
-def test_run_warns():
-    one = strip(motion=along_z("0.05*sin(2*pi*100*t)"))
-    with pytest.warns(fc.FeclothWarning, match="acts between the ends of the steps"):
-        fc.run(one, fc.BDF2(), one.rest(), dt=0.01, t_end=0.03)
-    with warnings.catch_warnings(record=True) as others:
-        warnings.simplefilter("always")
-        fc.run(one, fc.BDF2(), one.rest(), dt=0.001, t_end=0.01)
-    assert not any("acts between" in str(other.message) for other in others)
 
 
 def test_the_uniform_motion_is_the_line_of_least_squares(rng):

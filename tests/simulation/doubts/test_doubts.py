@@ -10,21 +10,8 @@ from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.linalg.prices import Prices
-from fecloth.simulation.account import Account, Accounts
 from fecloth.simulation.doubts.course import find_slow_factors
 from fecloth.simulation.doubts.terms import find_unused_bending
-from fecloth.study import measured_runs
-from fecloth.study.measured_runs import measure
-from fecloth.study.stability_runs import judge
-
-TIP = [fc.Probe("tip", "right")]
-
-
-def strip(h, mass=0.2):
-    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-    terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    system = fc.System(cloth, fc.Fabric(mass, 40.0), terms, pins=["left"])
-    return cloth, system, None, system.rest()
 
 
 def swinging(h, dt):
@@ -58,74 +45,6 @@ method = "backward_euler"
 dt = 0.05
 t_end = 0.2
 """
-
-
-def raised_with(kind):
-    """A `measure` whose runs have a doubt of this kind."""
-
-    def measured(setup, *asked, **more):
-        return measure(setup, *asked, **more) | {"doubts": [fc.Doubt(kind, "words").entry()]}
-
-    return measured
-
-
-def verdicts(monkeypatch, folder) -> list:
-    """What runs and studies conclude from doubts of different kinds, without any words."""
-
-    def hidden(h):  # other processes cannot import it, so that it runs in this one
-        return strip(h)
-
-    seen: list = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fc.FeclothWarning)
-        for dt in (0.02, 0.005):
-            _, system, method, start = swinging(0.15, dt)
-            result = fc.run(system, method, start, dt, 0.6)
-            seen.append([doubt.kind for doubt in result.doubts])
-        (folder / "strip.toml").write_text(SCENE)
-        outcome = fc.run_scene(fc.load_scene(folder / "strip.toml"), folder / "out")
-        seen.append([doubt.kind for doubt in outcome.doubts])
-        flat = fc.Cloth.rectangle(1.0, 0.1, h=0.05, pattern="right")
-        pressed = fc.System(
-            flat,
-            fc.Fabric(0.2, 1000.0, bending_rigidity=1e-4),
-            [fc.StVK(), fc.PlateBending()],
-            pins=["left", "right"],
-        )
-        rest = pressed.state(0.9 * pressed.rest().x)
-        seen.append([doubt.kind for doubt in fc.equilibrium(pressed, rest).doubts])
-        seen.append([doubt.kind for doubt in fc.modes(pressed, rest, count=2).doubts])
-    for kind in (fc.DoubtKind.MOTION, fc.DoubtKind.WRINKLES, fc.DoubtKind.UNITS):
-        monkeypatch.setattr(measured_runs, "measure", raised_with(kind))
-        study = fc.study.converge(hidden, "tip.x", h=0.25, levels=3, probes=TIP)
-        seen.append((study.converges, study.table["status"] if not study.converges else None))
-    for kind in (fc.DoubtKind.INTERSECTION, fc.DoubtKind.TIME):
-        row = {"doubts": [fc.Doubt(kind, "words").entry()], "made": 0.0, "status": "ok"}
-        seen.append(judge(row)["status"] == "wrong")
-    return seen
-
-
-@pytest.mark.stories
-def test_other_words_lead_to_the_same_verdicts(monkeypatch, tmp_path):
-    (tmp_path / "as_written").mkdir()
-    (tmp_path / "changed").mkdir()
-    with monkeypatch.context() as patch:
-        expected = verdicts(patch, tmp_path / "as_written")
-    original = fc.Doubt.__init__
-
-    def reworded(self, kind, words, remedy=""):
-        original(self, kind, "Quite other words, 7 of them", "" if not remedy else "do nothing")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(fc.Doubt, "__init__", reworded)
-        changed = verdicts(patch, tmp_path / "changed")
-    assert changed == expected
-    kinds = {kind for part in expected if isinstance(part, list) for kind in part}
-    assert {fc.DoubtKind.UNITS, fc.DoubtKind.INSTABILITY, fc.DoubtKind.BALANCE} <= kinds
-    assert (False, ["failed"] * 3) in expected  # a motion that is wrong
-    assert expected[-2:] == [False, True]  # an intersection says nothing about the steps
-    summary = json.loads((tmp_path / "changed" / "out" / "summary.json").read_text())
-    assert {entry["words"] for entry in summary["doubts"]} == {"Quite other words, 7 of them"}
 
 
 def test_the_summary_has_kind_words_and_remedy(tmp_path):
@@ -216,46 +135,6 @@ def test_a_term_of_a_user_may_use_any_constant():
     cloth = fc.Cloth.rectangle(0.4, 0.2, h=0.1, pattern="right")
     system = fc.System(cloth, fc.Fabric(0.2, 500.0, bending_rigidity=1e-5), [Own()], ["left"])
     assert warnings_before(system, 0.01, doubts=[find_unused_bending]) == []
-
-
-def test_values_of_kinds_are_their_names_in_lower_case():
-    assert all(kind.value == kind.name.lower() for kind in fc.DoubtKind)
-
-
-def test_two_accounts_raise_a_kind_once():
-    class First(Account):
-        name = "first"
-
-        def doubts(self):
-            return [fc.Doubt(fc.DoubtKind.OTHER, "a"), fc.Doubt(fc.DoubtKind.CURVE, "b")]
-
-    class Second(First):
-        name = "second"
-
-        def doubts(self):
-            return [fc.Doubt(fc.DoubtKind.OTHER, "c")]
-
-    accounts = Accounts({"first": First(), "second": Second()})
-    assert [str(doubt) for doubt in accounts.new_doubts([])] == ["a", "b"]
-    known = [fc.Doubt(fc.DoubtKind.CURVE, "of the start")]
-    assert [str(doubt) for doubt in accounts.new_doubts(known)] == ["a"]
-
-
-def test_the_forces_of_a_state_at_rest_leave_no_doubt():
-    _, system, _, start = strip(0.25)
-    assert fc.equilibrium(system, start).doubts == ()
-    assert np.isfinite(fc.equilibrium(system, start).residual)
-
-
-def test_a_doubt_of_no_known_kind_is_refused():
-    with pytest.raises(fc.InputError, match=r"kind = 'units': must be such as DoubtKind\.OTHER"):
-        fc.Doubt("units", "words")
-
-
-def test_a_memory_of_another_kind_is_refused():
-    _, system, method, start = swinging(0.15, 0.01)
-    with pytest.raises(fc.InputError, match="memory = 3: must be such as info.memory"):
-        next(fc.march(system, method, start, 0.01, 0.1, memory=3))
 
 
 def test_a_run_whose_factors_would_be_faster_says_so_with_the_factor(monkeypatch):

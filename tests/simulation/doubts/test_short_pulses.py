@@ -33,9 +33,6 @@ KINDS = {  # of a formula f of time
 }
 
 
-QUICK = ("pressure", "force", "tether", "pin")
-
-
 def chosen(case, steps=None, ends=(2.0,)):
     options = {"method": steps, "ends": ends, "doubts": [find_short_pulses]}
     return warnings_before(strip(**case), **options)
@@ -135,9 +132,3 @@ def test_longest_bounds_the_steps_and_sees_the_pulse(method):
     assert not any("jump over" in str(other.message) for other in others)
     assert np.diff(seen.times).max() < 0.0005 * (1 + 1e-9)
     assert seen.state.v[:, 2].max() > 0.05
-
-
-def test_refuses_a_longest_step_that_is_none():
-    for steps in (lambda: fc.Adaptive(fc.BDF2(), longest=0.0), lambda: fc.Auto(longest=-1)):
-        with pytest.raises(fc.InputError, match=r"longest = .*must be a number > 0"):
-            steps()
