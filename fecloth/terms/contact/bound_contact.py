@@ -99,7 +99,7 @@ class BoundContact(BoundTerm):
     def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
         """What it touches at the end of a step of time from the `State` old to new.
 
-        `h` is `StepDifference.h` [s]: over the step the barrier has given h times its force.
+        Over the step the barrier has changed the momentum by h [s] times its force.
         """
         raise NotImplementedError
 
@@ -331,8 +331,8 @@ class ContactOverStep(BoundTerm):
             return None
         return self.settled(x, self.end)[1]
 
-    def touches(self, old: Any, new: Any) -> Touches | None:
-        return self.contact.find_touches(old, new, self.step.h)
+    def touches(self, old: Any, new: Any, h: float) -> Touches | None:
+        return self.contact.find_touches(old, new, h)
 
     def energy(self, x, t) -> float:
         """The energy of the barrier, and Σ φ(e) [J]."""
