@@ -39,11 +39,20 @@ class PairPlaces:
         """Pairs change from step to step: all of their tangent is a `coupling`."""
 
     def coupling(self, K: np.ndarray) -> sparse.csr_matrix | None:
-        m = len(K)
-        if not m:
+        if not len(K):
             return None
-        G = sparse.kron(self.weights, sparse.identity(3), format="csr")
-        return (G.T @ sparse.bsr_matrix((K, np.arange(m), np.arange(m + 1))) @ G).tocsr()
+        return (self.matrix.T @ self.times_matrix(K)).tocsr()
+
+    @cached_property
+    def matrix(self) -> sparse.csr_matrix:
+        """(3m, 3n) the coefficients for each component."""
+        return sparse.kron(self.weights, sparse.identity(3), format="csr")
+
+    def times_matrix(self, blocks: np.ndarray) -> sparse.csr_matrix:
+        """The product of `matrix` with a block (k, 3) for each of the m pairs: (k m, 3n)."""
+        m = len(blocks)
+        diagonal = sparse.bsr_matrix((blocks, np.arange(m), np.arange(m + 1)))
+        return (diagonal @ self.matrix).tocsr()
 
     @cached_property
     def directions(self) -> sparse.csr_matrix:

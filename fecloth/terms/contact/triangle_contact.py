@@ -18,7 +18,7 @@ from fecloth.terms.contact.friction import STICK_OVER_BARRIER, Grips
 from fecloth.terms.contact.inside import MOST_NAMED
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.toolkit import ContactSets
-from fecloth.terms.contact.touches import Touches, rows_of
+from fecloth.terms.contact.touches import Touches
 from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import CONTACT
@@ -103,7 +103,7 @@ class BoundTriangleContact(BoundContact):
         if not len(self.sets.at(y)):
             return None
         pairs = self.sets.touching(y)
-        normals = rows_of(pairs.places.weights, pairs.n)
+        normals = pairs.places.times_matrix(pairs.n[:, None])
         v_of_surface: np.ndarray = np.zeros_like(new.x)
         rows = normals
         if self.body is not None:
@@ -116,6 +116,7 @@ class BoundTriangleContact(BoundContact):
             before=normals @ self.slip(old.x, old.v, old.t).ravel(),
             pushed=h * pairs.push,
             restitution=np.full(len(pairs.n), self.restitution),
+            shares=sparse.identity(len(pairs.n), format="csr"),
         )
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
