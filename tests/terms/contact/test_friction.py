@@ -92,8 +92,8 @@ def test_force_and_tangent_are_derivatives_of_the_energy(name, over, part, rng):
         t, x = t + dt, system.bound[0].contact.carried(x, t, t + dt)
     else:
         system = system.with_history((record,))
-    x = x + 1e-6 * rng.standard_normal(x.shape)
-    errors = relative_errors(system, t, x, np.zeros_like(x), of_energy=True)
+    x = x + 1e-8 * rng.standard_normal(x.shape)
+    errors = relative_errors(system, t, x, np.zeros_like(x), of_energy=True, size=1e-9)
     assert len(errors) == 2
     assert max(errors) < 3e-5
     K = system.stiffness(fc.State(t, x, np.zeros_like(x))).toarray()
