@@ -68,10 +68,10 @@ class Obstacle:
 
     Between its nodes a triangle dips into a shape that curves. Where it would dip in by more
     than a quarter of the gap, the barrier also acts on points inside the triangles; a P2
-    triangle counts as four flat ones. Some shapes fit between such points: a shape that is
-    thinner than half of the longest edge, or a plate thinner than an eighth of it, with the gap
-    on both sides. Such a shape acts by its own points, edges and faces (`Skeleton`), as a
-    `MeshObstacle` does, with the package ``ipctk``.
+    triangle counts as four flat ones. A shape with edges, and one that is thinner than half of
+    the longest edge with the gap on both sides, would pass between such points. It acts by its
+    own points, edges and faces (`Skeleton`), as a `MeshObstacle` does, with the package
+    ``ipctk``. Without it a `Box` and a `Disk` act on the points, too, and may cut into triangles.
 
     With a coefficient of friction μ a sliding node is held back by μ λ f₁(y)/y w. λ = −κ A b′
     |∇d| is its normal force, w its velocity along the surface and relative to it, and y = |w|.
@@ -154,22 +154,20 @@ class Obstacle:
         return None
 
     def _skeleton(self, cloth: Cloth) -> Skeleton | None:
-        """Return the skeleton of a shape so thin that it fits between the points of triangles.
+        """Return the skeleton of a shape with edges, or of one that fits between the points.
 
-        None for a wider shape, for a shape without a skeleton, and without the package ipctk.
+        None for a wide round shape, for a shape without a skeleton, and without the package ipctk.
         """
-        part = float(longest_edges(cloth).max()) / MOST_PARTS
+        part = float(longest_edges(cloth).max()) / MOST_PARTS  # the largest distance of points
         width = self.shape.width + 2 * self.gap  # the barrier acts on both sides
-        thickness = self.shape.thinnest + 2 * self.gap
-        # `part` is the distance of the points on the longest edge, where they are farthest
-        # apart.
-        is_wide = width >= LEAST_WIDTH_OVER_PART * part and thickness >= part
-        if is_wide or not is_installed():
+        has_edges = self.shape.radius_of_curvature == 0.0
+        is_thin = width < LEAST_WIDTH_OVER_PART * part
+        if not (has_edges or is_thin) or not is_installed():
             return None
         return self.shape.skeleton(cloth.extent)
 
     def bind(self, panel: Panel, slots) -> BoundObstacle | BoundSkeleton:
-        """Bind the obstacle: by its points, or by its skeleton if it is thin.
+        """Bind the obstacle: by its points, or by its skeleton if it has edges or is thin.
 
         Raises `InputError` for a gap that is too large for the cloth, and for a thin shape that
         has no skeleton or needs the package ipctk.
@@ -195,7 +193,7 @@ class Obstacle:
         )
 
     def _bind_skeleton(self, skeleton: Skeleton, panel: Panel) -> BoundSkeleton:
-        """Return the bound term of a thin shape, from its own points, edges and faces."""
+        """Return the bound term of a shape that acts by its own points, edges and faces."""
         sets = ContactSets.bind(
             "Obstacle",
             panel.cloth,

@@ -59,6 +59,17 @@ class KeptPairs(NamedTuple):
     pairs: Any
 
 
+def _exponent(fixed: Skeleton) -> float:
+    """Return e, so that ratio^e is the `scale` of a mesh whose areas are `ratio` times too large.
+
+    In the toolkit the area of a triangle goes with scale⁻², of a single edge, its length, with
+    scale⁻¹, of a single point not at all; those of the cloth go with scale².
+    """
+    if len(fixed.triangles):
+        return 1 / 4
+    return 1 / 3 if len(fixed.edges) else 1 / 2
+
+
 @dataclass(eq=False)
 class ContactSets:
     """The pairs in contact of a cloth with itself, or with a fixed mesh, at positions x (n, 3).
@@ -82,10 +93,6 @@ class ContactSets:
         Distance at which the barrier begins [m], beyond the thickness.
     thickness
         Least distance [m].
-    largest
-        Largest area [m²] with which a pair counts. It is the area of two edges of the cloth,
-        where the fixed mesh has larger ones: the toolkit takes the length of a single edge for
-        its area.
     """
 
     toolkit: Any
@@ -95,7 +102,6 @@ class ContactSets:
     fixed: np.ndarray
     gap: float
     thickness: float
-    largest: float = math.inf
     _last: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
     _pairs: KeptPairs | None = field(default=None, repr=False)
     _crowded: bool = False
@@ -123,9 +129,26 @@ class ContactSets:
         faces = np.vstack([triangles, fixed_mesh.triangles + len(rest)]).astype(np.int32)
         edges_of_faces = ipctk.edges(np.asfortranarray(faces))
         edges = np.vstack([edges_of_faces, fixed_mesh.edges + len(rest)])
-        nodes = np.asfortranarray(np.vstack([rest, fixed_mesh.points]))
-        mesh = ipctk.CollisionMesh(nodes, edges.astype(np.int32, order="F"), faces)
-        largest = math.inf
+        edges = edges.astype(np.int32, order="F")
+
+        def mesh_of(rest: np.ndarray, points: np.ndarray) -> Any:
+            return ipctk.CollisionMesh(np.asfortranarray(np.vstack([rest, points])), edges, faces)
+
+        mesh = mesh_of(rest, fixed_mesh.points)
+        if fixed:
+            # A fixed mesh with larger parts than the cloth must not weight contacts with its own
+            # areas. The toolkit takes them from the positions at rest, and uses these, beside, only
+            # in products of a length of the cloth and one of the fixed mesh: so the lengths of the
+            # one are multiplied by `scale` and those of the other divided. All areas of the cloth
+            # are scale² as large then, and the stiffness makes up for it.
+            is_edge_of_cloth = edges.max(axis=1) < len(rest)
+            largest_of_cloth = np.array(mesh.edge_areas)[is_edge_of_cloth].max()
+            ratio = max(
+                1.0, *mesh.edge_areas / largest_of_cloth, *mesh.vertex_areas / largest_of_cloth
+            )
+            scale = float(ratio) ** _exponent(fixed)
+            mesh = mesh_of(scale * rest, fixed_mesh.points / scale)
+            stiffness /= scale**2
         if isinstance(cloth, SewnCloth):
             apart = dict.fromkeys(map(tuple, cloth.neighbours.tolist()), False)
             mesh.can_collide = ipctk.make_sparse_filter(apart, True)
@@ -134,12 +157,6 @@ class ContactSets:
             # mesh only, and not itself.
             patches = np.repeat([0, 1], [len(rest), len(fixed_mesh.points)]).astype(np.int32)
             mesh.can_collide = ipctk.make_vertex_patches_filter(patches)
-            is_edge_of_cloth = edges.max(axis=1) < len(rest)
-            largest_of_cloth = np.array(mesh.edge_areas)[is_edge_of_cloth].max()
-            # A fixed mesh with larger parts than the cloth must not weight contacts with its own
-            # areas: see `largest`.
-            if max(max(mesh.edge_areas), max(mesh.vertex_areas)) > largest_of_cloth:
-                largest = 0.5 * float(largest_of_cloth)
         potential = ipctk.BarrierPotential(gap, stiffness, use_physical_barrier=True)
         return cls(
             toolkit=ipctk,
@@ -149,7 +166,6 @@ class ContactSets:
             fixed=fixed_mesh.points,
             gap=gap,
             thickness=thickness,
-            largest=largest,
         )
 
     def nodes(self, x: np.ndarray) -> np.ndarray:
@@ -165,8 +181,7 @@ class ContactSets:
     def _find_contacts(self, x: np.ndarray) -> Any:
         """Find the contacts at x (n, 3), as an object of the toolkit.
 
-        They come from the pairs that are kept, or else from a search by the toolkit. No contact
-        counts with a larger area than `largest`.
+        They come from the pairs that are kept, or else from a search by the toolkit.
         """
         contacts = self.toolkit.NormalCollisions()
         contacts.use_area_weighting = True
@@ -175,9 +190,6 @@ class ContactSets:
             contacts.build(self.mesh, self.nodes(x), self.gap, self.thickness)
         else:
             contacts.build(pairs, self.mesh, self.nodes(x), self.gap, self.thickness)
-        if self.largest < math.inf:
-            for number in range(len(contacts)):
-                contacts[number].weight = min(contacts[number].weight, self.largest)
         return contacts
 
     def candidates(self, x: np.ndarray, end: np.ndarray | None = None) -> Any | None:
