@@ -10,6 +10,7 @@ from fecloth.study.fitting.evaluation import Column, Evaluation
 from fecloth.study.fitting.measured import Measured
 from fecloth.study.fitting.mistakes import far_in_repeats
 from fecloth.study.fitting.statistics import LARGEST_UNCERTAINTY, WRONG_LAW, _groups, statistics
+from fecloth.study.fitting.words import mean_and_next
 
 
 def facts_of(J, r, scatter=None, names=None):
@@ -182,3 +183,9 @@ def test_single_points_of_repeats_are_named_and_other_shapes_are_not():
     curves[1, 20] *= 1.25
     curves[2, 9] *= 1.01
     assert far_in_repeats(curves - curves.mean(axis=0)) == [(1, 20)]
+
+
+def test_the_next_of_three_slacks():
+    mean, u = mean_and_next([1e-3, 2e-3, 3e-3])
+    assert (mean, u) == pytest.approx((2e-3, 4.3026527 / 2 * 1e-3 * np.sqrt(4 / 3)))
+    assert np.isnan(mean_and_next([1e-3])[1])
