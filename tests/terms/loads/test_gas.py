@@ -66,6 +66,13 @@ def test_volume_is_that_above_the_plane_of_the_rim(isotropic, rng):
         assert system.bound[0].volume(x + shift) == pytest.approx(enclosed(cloth, x), rel=1e-12)
 
 
+def test_the_energy_of_a_gas_is_zero_at_its_first_volume(isotropic):
+    cloth = fc.Cloth.disk(RADIUS, h=0.2)
+    x = dome(cloth, 0.2)
+    gas = fc.Gas(300.0, volume=enclosed(cloth, x), ambient=100.0)
+    assert abs(fc.System(cloth, isotropic, [gas]).bound[0].energy(x, 0.0)) < 1e-12
+
+
 def test_gas_and_pressure_have_equal_forces_inside(isotropic):
     cloth = fc.Cloth.disk(RADIUS, h=0.15)
     x = dome(cloth, 0.2)
