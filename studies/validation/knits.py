@@ -55,7 +55,9 @@ class Specimen:
 
     def measured(self) -> tuple[float, float]:
         """Mean force of the repeats at the end of the range, and their standard deviation."""
-        number, force, extension = (np.array(values) for values in self.forces.values())
+        number, extension, force = (
+            np.array(self.forces[name]) for name in ("repeat", "extension [m]", "force [N]")
+        )
         end = PART * self._read[1]
         ends = []
         for repeat in np.unique(number):
