@@ -167,16 +167,6 @@ def test_the_page_of_studies_names_each_of_them():
         assert f"`python -m studies.{path.parent.name}" in text
 
 
-def test_the_page_of_evidence_names_each_study():
-    text = read("studies/evidence/README.md")
-    folder = ROOT / "studies" / "evidence"
-    for path in folder.rglob("*.py"):
-        if '__name__ == "__main__"' in path.read_text(encoding="utf-8"):
-            parts = path.relative_to(folder).with_suffix("").parts
-            name = ".".join(part for part in parts if part != "__main__")
-            assert f"| {name} | " in text
-
-
 def test_the_map_names_each_package():
     text = read("fecloth/README.md")
     for path in (ROOT / "fecloth").glob("*/__init__.py"):

@@ -108,8 +108,6 @@ def test_several_problems_are_for_compare_alone(scene):
             getattr(study, name)(*needed)
     with pytest.raises(InputError, match="takes several problems, or one with variants"):
         study.compare("cloth.h=0.25,0.125")
-    with pytest.raises(InputError, match="must be at least one"):
-        fc.study.of([])
 
 
 def test_no_study_has_a_shared_argument_of_its_own():
