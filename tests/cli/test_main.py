@@ -228,7 +228,7 @@ def test_energy_balance_that_does_not_close_is_reported(scene, capsys):
     assert abs(float(rows(Path("bad/steps.csv"))[-1]["drift"])) > 0.05
     words = "the energy balance is off by"
     assert error.count(f"warning: {words}") == 1
-    assert all(f"warning: {one}\n" in error for one in warnings)
+    assert all(f"warning: {each}\n" in error for each in warnings)
     assert f"{len(warnings)} warning" in printed.out.splitlines()[-1]
     assert '<span class="status warned">done, with warnings</span>' in Path(
         "bad/report.html"

@@ -29,7 +29,7 @@ from fecloth.scene.scene import Scene, load_scene
 from fecloth.scene.table_model import Made
 
 KILOPOND, INCH, POUND = 9.80665, 0.0254, 0.45359237
-ALL = {name: one for name, one in vars(units).items() if isinstance(one, Dimension)}
+ALL = {name: each for name, each in vars(units).items() if isinstance(each, Dimension)}
 
 
 @pytest.mark.parametrize(
@@ -105,9 +105,9 @@ def taken_apart(unit):
 
 @pytest.mark.parametrize("name", ALL)
 def test_derived_units_equal_their_definitions(name):
-    """All units of a table measure the same, and each has the value of its parts."""
-    same, one = taken_apart(ALL[name].si)
-    assert one == 1.0
+    """All units of a table measure the same, and factor has the value of its parts."""
+    same, factor = taken_apart(ALL[name].si)
+    assert factor == 1.0
     for unit, value in ALL[name].units.items():
         powers, expected = taken_apart(unit)
         assert powers == same, unit
@@ -155,15 +155,15 @@ def parts(hint):
     return [hint, *(part for arg in get_args(hint) for part in parts(arg))]
 
 
-def tables(model, found):
+def tables(model, result):
     """Every table that a scene may hold, by its class's name."""
-    found[model.__name__] = model
+    result[model.__name__] = model
     for field in model.model_fields.values():
         for part in parts(field.annotation):
             inside = isinstance(part, type) and issubclass(part, BaseModel)
-            if inside and part.__name__ not in found:
-                tables(part, found)
-    return found
+            if inside and part.__name__ not in result:
+                tables(part, result)
+    return result
 
 
 TABLES = tables(Scene, {})
@@ -199,7 +199,7 @@ def test_the_docstring_of_the_object_names_the_unit_of_the_key(name):
     model, key, field = KEYS[name]
     for dimension in type_words.dimensions(field):
         beside = [other for other, _ in dimension.only]  # UserForce says it where it explains `per`
-        said = set().union(*(documented(model.makes, one) for one in (key, *beside)))
+        said = set().union(*(documented(model.makes, each) for each in (key, *beside)))
         assert said & {unit for unit, value in dimension.units.items() if value == 1}, dimension.si
 
 
@@ -211,7 +211,7 @@ def test_every_key_is_read_in_every_unit_of_its_own(name):
             written = {**dict(dimension.only), key: f"2 {unit}"}
             single = type_words.in_si(written, model.model_fields)[key]
             listed = type_words.in_si(written | {key: (f"2 {unit}",)}, model.model_fields)[key]
-            read = [one for one in (single, *listed) if one != f"2 {unit}"]
+            read = [each for each in (single, *listed) if each != f"2 {unit}"]
             assert read
             assert read == pytest.approx([2 * value] * len(read))
 

@@ -72,11 +72,11 @@ def test_forces_of_pieces_are_those_of_each_alone(element, rng):
         (len(cloth.X), 3)
     )
     whole = fc.System(cloth, fabric, terms)
-    found = whole.force(whole.state(x))
+    result = whole.force(whole.state(x))
     for name, piece in zip(("lower", "upper"), pieces, strict=True):
         own, alone = cloth.nodes(name), fc.System(piece, fabric, terms)
         expected = alone.force(alone.state(x[own]))
-        assert abs(found[own] - expected).max() < 1e-12 * abs(expected).max()
+        assert abs(result[own] - expected).max() < 1e-12 * abs(expected).max()
 
 
 def test_the_text_of_a_scene_gives_the_same_scene(tmp_path):

@@ -38,14 +38,16 @@ def test_the_pages_are_up_to_date(file):
 
 
 def test_every_table_is_in_the_reference():
-    listed = {one for classes in key_reference.SECTIONS.values() for one in classes}
+    listed = {each for classes in key_reference.SECTIONS.values() for each in classes}
     listed |= {*TERM_TABLES.values(), *METHOD_TABLES.values(), *SHAPE_TABLES.values()}
-    ours = {one for one in subclasses(Table) if one.__module__.startswith("fecloth.scene")}
-    ours = {one for one in ours if vars(one).get("makes", Table).__module__.startswith("fecloth.")}
-    bases = {one for one in ours if any(issubclass(other, one) for other in listed - {one})}
-    pieces = {one for one in ours if one.__name__.endswith("Piece")}  # a shape and its start
-    unnamed = {one.__name__ for one in ours - listed - bases - pieces}
-    assert unnamed <= {"Scene"} | {one.__name__ for one in listed}
+    ours = {each for each in subclasses(Table) if each.__module__.startswith("fecloth.scene")}
+    ours = {
+        each for each in ours if vars(each).get("makes", Table).__module__.startswith("fecloth.")
+    }
+    bases = {each for each in ours if any(issubclass(other, each) for other in listed - {each})}
+    pieces = {each for each in ours if each.__name__.endswith("Piece")}  # a shape and its start
+    unnamed = {each.__name__ for each in ours - listed - bases - pieces}
+    assert unnamed <= {"Scene"} | {each.__name__ for each in listed}
 
 
 def is_made_for_a_user(table):

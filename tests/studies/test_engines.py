@@ -89,8 +89,8 @@ def test_elastica_by_the_least_energy_of_a_chain():
 
         start = np.linspace(0, 1, n)
         options = {"gtol": 1e-12, "ftol": 1e-16, "maxiter": 5000}
-        found = minimize(energy, start, jac=True, method="L-BFGS-B", options=options)
-        return L / n * np.sin(found.x).sum()
+        result = minimize(energy, start, jac=True, method="L-BFGS-B", options=options)
+        return L / n * np.sin(result.x).sum()
 
     coarse, fine = sag(50), sag(100)
     value, uncertainty = known("elastica")

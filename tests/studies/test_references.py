@@ -145,8 +145,8 @@ def test_elastica_that_stretches_is_the_limit_of_a_chain(gamma, softness):
 
     start = np.r_[np.zeros(links), np.ones(links)]
     options = {"maxiter": 20_000, "maxfun": 40_000, "ftol": 1e-15, "gtol": 1e-9}
-    found = minimize(potential, start, jac=True, method="L-BFGS-B", options=options)
-    angle, stretch = found.x.reshape(2, -1)
+    result = minimize(potential, start, jac=True, method="L-BFGS-B", options=options)
+    angle, stretch = result.x.reshape(2, -1)
     end = l * np.sum(stretch * np.cos(angle)), l * np.sum(stretch * np.sin(angle))
     _, reach, drop = heavy_elastica(gamma, softness=softness)
     assert (reach[-1], drop[-1]) == pytest.approx(end, abs=1e-4)

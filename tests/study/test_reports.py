@@ -49,8 +49,8 @@ def test_a_report_holds_findings_tables_settings_and_versions(tmp_path, capsys):
     ):
         assert part in text
     assert status == 1
-    good = rows_of_two()[:-1]
-    assert harness.write_report(options, "Two", good, findings=findings[:1]) == 0
+    right = rows_of_two()[:-1]
+    assert harness.write_report(options, "Two", right, findings=findings[:1]) == 0
     assert "error: 0.3 <= 0.1: MISSED" in capsys.readouterr().out
     head, *lines = (tmp_path / "results.csv").read_text().splitlines()
     assert head == "method,dt,error,status,cause"
