@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
 from support.rundirs import rows_of
 from support.scene_texts import STRING
 
@@ -115,6 +114,8 @@ def test_the_chart_says_of_which_quantity_its_errors_are():
 
 def test_no_labels_of_the_figure_collide_or_are_cut_off():
     """The small words at the points of the front are not among them: they stay at their points."""
+    from matplotlib.text import Text
+
     drawing = made_up_chart().figure()
     drawing.savefig(io.BytesIO())
     ax = drawing.axes[0]
