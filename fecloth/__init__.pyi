@@ -87,6 +87,7 @@ from .terms import (
     Wind,
 )
 from .terms.bending.hinge import hinge_angles
+from .terms.bending.seam import SeamBending
 from .terms.contact import shapes
 from .terms.custom.condition import Condition
 from .terms.custom.membrane_law import MembraneLaw
@@ -157,6 +158,7 @@ __all__ = [
     "SceneError",
     "SceneResult",
     "Seam",
+    "SeamBending",
     "SelfContact",
     "Slide",
     "SolveFailed",

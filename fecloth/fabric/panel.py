@@ -23,15 +23,16 @@ class Clamps:
     ----------
     half_edges
         (c,) half-edges of ``cloth.edge_slopes.edges``.
-    start
-        (n, 3) positions at which the run starts [m]; the normals there are held.
+    points
+        (c, 3) a point of the held plane of each edge, at the start [m]. It is so far away that
+        its direction is the same from wherever the edge goes.
     moved
         Function of points (c, 3) at the start, one for each edge, and of the time t [s]. It
         returns where the pins have moved these points. None: the pins do not move.
     """
 
     half_edges: np.ndarray
-    start: np.ndarray
+    points: np.ndarray
     moved: Callable[[np.ndarray, float], np.ndarray] | None = None
 
 

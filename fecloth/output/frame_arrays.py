@@ -9,6 +9,7 @@ import numpy as np
 
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.elements import blocks
+from fecloth.mesh.pieces import piece_of_nodes
 from fecloth.mesh.surface import Surface
 from fecloth.output.vtu_writer import Arrays
 from fecloth.system.recovered_stress import stress_at_nodes
@@ -17,7 +18,7 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import deformation_gradient, mean_over_triangles, stretches_of
 
-STATIC = ("quality", "region", "reference")  # the same in all frames
+STATIC = ("quality", "region", "piece", "reference")  # the same in all frames
 
 
 def fields(system: System, state: State, error_density: bool = False) -> tuple[Arrays, Arrays]:
@@ -40,7 +41,7 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     if smooth := stress_at_nodes(system):
         points["recovered_stress"] = smooth(state.x)
     cells = _in_blocks(cloth, lambda part: _cells(cloth, gradients, state.x, stress, part))
-    cells |= {"quality": cloth.quality, "region": system.panel.region.astype(np.int32)}
+    cells |= _fixed(cloth) | {"region": system.panel.region.astype(np.int32)}
     for term in system.bound:
         cells |= term.cells(state.x, state.t)
     if error_density:
@@ -52,7 +53,14 @@ def kinematics(cloth: Cloth, state: State) -> tuple[Arrays, Arrays]:
     """Return the point data and cell data that need no material, along X and Y."""
     G = cloth.gradients
     cells = _in_blocks(cloth, lambda part: _cells(cloth, G, state.x, stress=None, part=part))
-    return _points(cloth, state), cells | {"quality": cloth.quality}
+    return _points(cloth, state), cells | _fixed(cloth)
+
+
+def _fixed(cloth: Cloth) -> Arrays:
+    """Return the cell data of the mesh alone; without `piece` if there is one piece."""
+    piece = piece_of_nodes(cloth.triangles, len(cloth.X))[cloth.triangles[:, 0]]
+    cells = {"quality": cloth.quality}
+    return cells | {"piece": piece.astype(np.int32)} if piece.any() else cells
 
 
 def _points(cloth: Cloth, state: State) -> Arrays:

@@ -81,6 +81,12 @@ class Start(Table):
         return self
 
     @property
+    def places(self) -> list[str]:
+        """The keys that are given but for a disturbance."""
+        given = self.model_dump(exclude_none=True, exclude={"disturb", "mode", "amplitude"})
+        return list(given)
+
+    @property
     def is_disturbed(self) -> bool:
         """Whether waves or a mode bend the start."""
         return bool(self.disturb or self.mode)
@@ -158,7 +164,8 @@ class PinTable(Table):
     normal: Vector | None = None
     """The nodes slide in the plane across this vector."""
     clamp: bool = False
-    """Hold also the normal of the cloth along the edges of the boundary that the pin covers."""
+    """Hold also the normal of the cloth along the edges of the boundary that the pin covers; with
+    `normal`, at a right angle to the plane: a plane of symmetry."""
     rotate: RotationTable | None = None
     """Turn the nodes, and the normals of a clamp: a table, see below."""
     without: str | tuple[str, ...] | None = None

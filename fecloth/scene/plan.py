@@ -2,15 +2,18 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from itertools import repeat
 
-from fecloth.errors import amount
+from fecloth.errors import amount, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.linalg import mkl_pardiso
+from fecloth.mesh.cloth import Cloth
 from fecloth.scene.problem import Problem
 from fecloth.simulation import dimensionless
 from fecloth.simulation.doubts.pins import rotation_about_pins
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
+from fecloth.system.seams import Seam
 from fecloth.system.system import System
 from fecloth.terms.loops.bound_condition import BoundCondition
 
@@ -28,10 +31,10 @@ GAMG_PER_TRIANGLE = 370
 def plan(problem: Problem, why: str) -> list[str]:
     """Return lines that say, before its first step, what a run is about to do.
 
-    They state the sources of fabrics, sizes, terms, pins, method, linear solver, threads, memory,
-    the weight compared with the bending stiffness, wrinkles, the notes of the problem and, for a
-    motion, the largest step of an explicit method. `why` says which linear solver was chosen, and
-    why.
+    They state the sources of fabrics, sizes, terms, pins, seams, method, linear solver, threads,
+    memory, the weight compared with the bending stiffness, wrinkles, the notes of the problem
+    and, for a motion, the largest step of an explicit method. `why` says which linear solver was
+    chosen, and why.
     """
     system = problem.system
     n = len(problem.system.cloth.X)
@@ -45,6 +48,7 @@ def plan(problem: Problem, why: str) -> list[str]:
         f"area {system.cloth.area:.6g} m², {system.constraints.count_free(n)} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
         f"pins: {_describe_pins(system)}",
+        *map(_describe_seam, system.seams, repeat(system.cloth)),
         _describe_steps(problem),
         f"linear solver: {why}",
         _describe_threads_and_memory(problem),
@@ -88,6 +92,20 @@ def _describe_pins(system: System) -> str:
     if turns:
         return f"{words}, on a line, about which the cloth is free to turn"
     return words
+
+
+def _describe_seam(seam: Seam, cloth: Cloth) -> str:
+    """Return a line on a seam: its edges, how many nodes follow, how it bends and closes."""
+    leading, following = seam.edges(cloth)
+    bends = {0.0: "turns freely", "cloth": "bends as the cloth"}
+    words = [
+        f"seam: {brief(leading.where)} leads {brief(following.where)}",
+        f"{len(leading.half_edges)} and {len(following.half_edges)} edges",
+        bends.get(seam.stiffness, f"bends with {seam.stiffness} N"),
+    ]
+    if seam.close is not None:
+        words.append(f"closes until {seam.close:g} s")
+    return ", ".join(words)
 
 
 def _describe_steps(problem: Problem) -> str:

@@ -131,9 +131,10 @@ class Scene(Table):
         require_exactly_one(self, "fabric", "fabrics")
         if self.fabrics == {}:
             raise InputError("fabrics = {}", "must name a region, as in [fabrics.body]")
-        if isinstance(self.cloth, tables.Pieces) and self.start != Start():
+        if isinstance(self.cloth, tables.Pieces) and self.start.places:
             remedy = "Write [cloths.NAME.start] for each piece."
-            raise InputError("[start] is given", "is for one piece", remedy=remedy)
+            what = f"start.{self.start.places[0]} is given"
+            raise InputError(what, "is for one piece", remedy=remedy)
         names = [probe.name for probe in self.probes]
         for i, name in enumerate(names):
             if name in names[:i]:

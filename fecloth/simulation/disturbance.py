@@ -8,6 +8,7 @@ from fecloth.nonlinear.eigenpairs import least_eigenpairs
 from fecloth.system.state import State
 from fecloth.system.system import System
 
+ROUND_OFF = 1e-9  # of the area: a shorter sum of normals is round-off
 WAVES = 6  # of a disturbance: enough for a shape without symmetry
 
 
@@ -45,8 +46,15 @@ def bend_by_mode(
 
 
 def _mean_normal(corners: np.ndarray) -> np.ndarray:
-    """Return the mean normal (3,) of triangles with the corners (m, 3, 3), turned upward."""
+    """Return the mean normal (3,) of triangles with the corners (m, 3, 3), turned upward.
+
+    It is z where the normals cancel out, as on a closed cloth.
+    """
     a, b, c = np.moveaxis(corners, 1, 0)
-    normal = np.cross(b - a, c - a).sum(axis=0)
-    length = max(float(np.linalg.norm(normal)), 1e-300)
-    return normal * (math.copysign(1.0, normal[2]) / length)
+    normals = np.cross(b - a, c - a)
+    normal = normals.sum(axis=0)
+    length = np.linalg.norm(normal)
+    if length <= ROUND_OFF * np.linalg.norm(normals, axis=1).sum():
+        return np.array([0.0, 0.0, 1.0])
+    upward: np.ndarray = normal * (math.copysign(1.0, normal[2]) / length)
+    return upward

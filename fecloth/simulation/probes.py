@@ -60,12 +60,23 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
 def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:
     """Return the sum (3,) of the residual (n, 3) that each pin group holds; changes `residual`.
 
-    Of a node that several pins hold each has an equal part.
+    With the held directions H = I − P of a pin, and the sum of H over the pins of a node, the
+    part of a pin is H (Σ H)⁺ times the residual: of a node that several pins hold alike each
+    has an equal part, and a plane has what is across it.
     """
     constraints = system.constraints
     residual[constraints.nodes] = constraints.held_part(residual)
+    directions = {name: np.eye(3) - pin.projector for name, (pin, _) in constraints.groups.items()}
+    held = [nodes for _, nodes in constraints.groups.values()]
+    meet = np.flatnonzero(np.bincount(np.concatenate(held)) > 1)
+    if len(meet):
+        total = np.zeros((len(meet), 3, 3))
+        for name, (_, nodes) in constraints.groups.items():
+            total[np.isin(meet, nodes)] += directions[name]
+        parts = np.linalg.pinv(total, rcond=1e-9, hermitian=True)
+        residual[meet] = np.einsum("kij,kj->ki", parts, residual[meet])
     return {
-        name: (constraints.shares[name] * residual[nodes]).sum(axis=0)
+        name: directions[name] @ residual[nodes].sum(axis=0)
         for name, (_, nodes) in constraints.groups.items()
     }
 

@@ -15,6 +15,7 @@ from fecloth.errors import InputError, errors_of
 from fecloth.fabric.fabric import Fabric
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
+from fecloth.scene.cloth_tables import Pieces
 from fecloth.scene.scene import Scene, scene_of
 from fecloth.scene.table_model import as_tuples
 from fecloth.scene.toml_text import flatten, to_toml, with_values, without_empty
@@ -37,6 +38,7 @@ NO_PARAMETERS = {
         "changes no motion of the cloth",
     ),
 }
+SHARED = ("h", "element", "pattern")  # keys of [cloth] that several pieces share
 PARAMETERS = ("fabric", "fabrics", "terms")  # tables whose numbers are the usual parameters
 TRIANGLES = {"right": 2.0, "cross": 4.0}  # triangles per h²
 EQUILATERAL = 4 / math.sqrt(3)  # triangles per h² of any other mesh
@@ -90,9 +92,18 @@ class SceneSource:
         return self.scene.to_tables()
 
     @property
+    def pieces(self) -> dict[str, Any]:
+        """By key, the tables of the cloth: one, or those of its pieces."""
+        cloth = self.scene.cloth
+        if not isinstance(cloth, Pieces):
+            return {"cloth": cloth}
+        return {f"cloth.pieces.{name}": piece for name, piece in cloth.pieces.items()}
+
+    @property
     def h(self) -> float | None:
-        """Edge length [m]; None where there is none to refine."""
-        return self.tables["cloth"].get("h")
+        """Edge length [m], of several pieces the largest; None where there is none to refine."""
+        sizes = [piece.h for piece in self.pieces.values()]
+        return None if None in sizes else max(sizes)
 
     @property
     def dt(self) -> float | None:
@@ -149,9 +160,22 @@ class SceneSource:
         """
         words = name or describe_values(values)
         with errors_of(f"{self.where} with {words}"):
-            tables = with_values(self._tables_for(values), values)
+            tables = with_values(self._tables_for(values), self._of_pieces(values))
             _let_frames_follow_steps(tables)
             return replace(self, scene=scene_of(tables, self.scene.trusts_geo))
+
+    def _of_pieces(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return values by key with those of [cloth] for each piece: h in their ratios."""
+        spread = dict[str, Any]()
+        for key, value in values.items():
+            table, _, name = key.partition(".")
+            if table != "cloth" or name not in SHARED or "cloth" in self.pieces:
+                spread[key] = value
+                continue
+            for own, piece in self.pieces.items():
+                if hasattr(piece, name):
+                    spread[f"{own}.{name}"] = value * piece.h / self.h if name == "h" else value
+        return spread
 
     def _tables_for(self, values: Mapping[str, Any]) -> dict:
         """Return the tables to which values are applied.
@@ -296,10 +320,11 @@ class SceneSource:
     def refuse_refining(self, size: str) -> None:
         """Raise `InputError` that says why there is no h, or no fixed dt, to refine."""
         if size == "h":
+            fixed = next((key for key, piece in self.pieces.items() if piece.h is None), "cloth")
             remedy = "Give a .geo file and h, or a shape."
-            if self.tables["cloth"].get("shape") == "join":
-                remedy = "Each of [cloths.NAME] has its own h: open a function of h in Python."
-            raise InputError("a mesh of one size", "has no cloth.h to refine", self.where, remedy)
+            raise InputError(
+                "a mesh of one size", f"has no {fixed}.h to refine", self.where, remedy
+            )
         if self.scene.equilibrium:
             raise InputError("refine = 'dt'", "an equilibrium has no dt", self.where)
         remedy = "Give time.dt; or refine h, or dt alone: then each step is halved."
@@ -342,25 +367,28 @@ class SceneSource:
 
         `other` is the source that this one was made of.
         """
-        cloth, other_cloth = self.tables["cloth"], other.tables["cloth"]
-        return {**cloth, "h": None} == {**other_cloth, "h": None}
+        alike = {key: piece.model_copy(update={"h": None}) for key, piece in self.pieces.items()}
+        others = other.pieces.items()
+        return alike == {key: piece.model_copy(update={"h": None}) for key, piece in others}
 
     def count_triangles(self) -> float:
         """Estimate the number of triangles from area and h, without gradings or the mesh."""
-        cloth = self.scene.cloth
-        if cloth.h is None:
+        if self.h is None:
             return len(self.cloth.triangles)
-        per_square = TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
-        return self._estimate_area() / cloth.h**2 * per_square
+        return sum(
+            self._estimate_area(piece)
+            / piece.h**2
+            * TRIANGLES.get(getattr(piece, "pattern", ""), EQUILATERAL)
+            for piece in self.pieces.values()
+        )
 
-    def _estimate_area(self) -> float:
-        """Return the area of the cloth [m²].
+    def _estimate_area(self, cloth: Any) -> float:
+        """Return the area of a piece, or of the whole cloth [m²], from its table.
 
         For a shape without a formula it is the area of a coarse mesh, which is made quickly: first
         with 30 h, then with ever finer edges until the shape can be meshed. Raise `InputError` if
         it cannot be meshed with h either.
         """
-        cloth = self.scene.cloth
         if cloth.shape == "rectangle":
             return cloth.width * cloth.height
         if cloth.shape == "disk":
@@ -380,9 +408,12 @@ class SceneSource:
         stiffest fabric, and the smallest h of all gradings.
         """
         speed = max(wave_speed(fabric) for fabric in self.fabrics.values())
-        h = self.scene.cloth.h or math.sqrt(EQUILATERAL * self.cloth.area / triangles)
-        gradings = getattr(self.scene.cloth, "grading", ())
-        shortest = h * min([1.0, *(table.make().smallest(h) for table in gradings)])
+        usual = math.sqrt(EQUILATERAL * self.cloth.area / triangles)
+        shortest = usual
+        for piece in self.pieces.values():
+            h = piece.h or usual
+            smallest = [table.make().smallest(h) for table in getattr(piece, "grading", ())]
+            shortest = min(shortest, h * min([1.0, *smallest]))
         assert self.span is not None
         return math.ceil(self.span * speed / (STABLE_STEP * shortest))
 

@@ -111,13 +111,22 @@ class Constraints:
     ) -> Self:
         """The constraints of pins on their nodes, by name; see `bind`."""
         held = np.concatenate([nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)])
-        nodes, first, times = np.unique(held, return_index=True, return_counts=True)
+        nodes, first, node, times = np.unique(
+            held, return_index=True, return_inverse=True, return_counts=True
+        )
+        meet = times > 1
         if check:
-            _refuse_conflicts(groups, nodes[times > 1], cloth)
-        projectors = [np.zeros((0, 3, 3))]
-        for pin, its_nodes in groups.values():
-            projectors.append(np.tile(pin.projector, (len(its_nodes), 1, 1)))
-        return cls(groups, nodes, np.concatenate(projectors)[first])
+            _refuse_conflicts(groups, nodes[meet], cloth)
+        each = [np.tile(pin.projector, (len(own), 1, 1)) for pin, own in groups.values()]
+        P = np.concatenate([np.zeros((0, 3, 3)), *each])
+        projectors = P[first]
+        # where pins meet, the null space of Σ (I − P) is free
+        H = np.zeros_like(projectors)
+        np.add.at(H, node, np.eye(3) - P)
+        values, vectors = np.linalg.eigh(H[meet])
+        free = vectors * (values < 1e-9)[:, None]
+        projectors[meet] = free @ free.swapaxes(1, 2)
+        return cls(groups, nodes, projectors)
 
     @cached_property
     def without_own(self) -> tuple[np.ndarray, np.ndarray]:
@@ -227,14 +236,6 @@ class Constraints:
             groups.append(_MovedGroup(pin, nodes[is_own]))
         return groups
 
-    @cached_property
-    def shares(self) -> dict[str, np.ndarray]:
-        """By name, the part (k, 1) of each of its nodes that counts for a pin: 1, or less where
-        several pins hold the node."""
-        held = [nodes for _, nodes in self.groups.values()]
-        times = np.bincount(np.concatenate([np.zeros(0, np.int64), *held]))
-        return {name: 1 / times[nodes][:, None] for name, (_, nodes) in self.groups.items()}
-
     def free(self, n: int) -> np.ndarray:
         """Return the numbers 3 i + c of the free degrees of freedom of a cloth of n nodes.
 
@@ -294,40 +295,15 @@ def _refuse_conflicts(
             continue
         X, Y = cloth.X[both[0]]
         what = f"pins {first!r} and {second!r} both hold node {both[0]} at ({X:.6g}, {Y:.6g}) m"
-        allowed = "pins that meet must hold in the same directions and move alike"
-        pins = {name: groups[name][0] for name in (first, second)}
-        raise InputError(what, allowed, "System(pins=...)", _remedy_for_two_pins(pins))
-
-
-def _remedy_for_two_pins(pins: dict[str, Pin]) -> str:
-    """Return how to leave the node out of one of two pins, or to hold it as both together do.
-
-    That is by a slide along the line that both allow, or by a pin if they allow none. If one of
-    the pins alone holds it so, it is enough to leave the node out of the other one.
-    """
-    names = list(pins)
-    ways = [
-        f'without = "{pin.where}" in the pin {other!r}'
-        for (pin, other) in zip(pins.values(), reversed(names), strict=True)
-        if isinstance(pin.where, str)
-    ]
-    leave_out = "Leave it out of one of them"
-    if ways:
-        leave_out += f": write {', or '.join(ways)}"
-    first, second = (pin.projector for pin in pins.values())
-    values, vectors = np.linalg.eigh(first + second)
-    allowed_by_both = vectors[:, values > 2 - 1e-9].T  # both projectors keep these directions
-    if len(allowed_by_both) == 2 or not (first.any() and second.any()):
-        return f"{leave_out}."
-    both = f"{leave_out}; or out of both, and"
-    if not len(allowed_by_both):
-        return f"{both} hold it by a Pin of its own."
-    # the line with its largest component 1, and without −0
-    line = allowed_by_both[0] / abs(allowed_by_both[0]).max()
-    line = [float(c) for c in np.round(line * np.sign(line[abs(line).argmax()]), 9) + 0.0]
-    return (
-        f"{both} let it slide by a third Slide with direction = {line}, the line that both allow."
-    )
+        allowed = "pins that meet and move must hold in the same directions and move alike"
+        ways = [
+            f'without = "{pin.where}" in the pin {other!r}'
+            for pin, other in ((groups[first][0], second), (groups[second][0], first))
+            if isinstance(pin.where, str)
+        ]
+        words = f": write {', or '.join(ways)}" if ways else ""
+        remedy = f"Leave it out of one of them{words}."
+        raise InputError(what, allowed, "System(pins=...)", remedy)
 
 
 def turn(pin: Pin, t: float, later: float, points: np.ndarray, before, after):

@@ -160,8 +160,8 @@ class Pin:
         Time [s] at which the pin lets go: its nodes go on with the velocity that they have. A
         step ends there, and the method begins anew, as after a start. None: it holds for ever.
 
-    Pins may meet: a node may belong to several pins that hold it in the same directions and move
-    it alike. Of its reaction each of them has an equal part.
+    Pins may meet: a node of several pins and slides that do not move is held by all of them
+    together. Those that move must hold it in the same directions and move it alike.
 
     Examples
     --------
@@ -223,10 +223,12 @@ class Pin:
         return cloth.nodes(cast(Where, without))
 
     def agrees_with(self, other: "Pin") -> bool:
-        """Return whether both may hold one node: in the same directions, and moved alike.
+        """Return whether both may hold one node: at rest, or in the same directions moved alike.
 
         Functions that give each node a motion of its own are never alike.
         """
+        if not (self.moves or other.moves):
+            return True
         are_alike = (
             self.motion == other.motion  # the formulas, for whatever nodes
             and self.velocity == other.velocity
@@ -349,8 +351,11 @@ class Slide(Pin):
     ----------
     where, motion, velocity, name, without, until
         As for `Pin`; a motion moves the line or plane, so only its part across these counts.
-    clamp, rotate
-        Refused: only a `Pin` can hold or turn the normal of the edge.
+    clamp
+        On a line, as for `Pin`. In a plane the cloth meets the plane at a right angle, as beside
+        its mirror image: a plane of symmetry.
+    rotate
+        Refused: only a `Pin` can turn the nodes.
     direction
         Direction of the line, of any length; give this or `normal`.
     normal
@@ -368,22 +373,21 @@ class Slide(Pin):
     normal: tuple[float, float, float] | None = None
 
     def __post_init__(self):
-        """Raise `InputError` for a clamp or a rotation, and unless one of the axes is given."""
+        """Raise `InputError` for a rotation, and unless one of the axes is given."""
         super().__post_init__()
-        if self.clamp or self.rotate is not None:
-            name = "clamp" if self.clamp else "rotate"
+        if self.rotate is not None:
             free = "direction" if self.normal is None else "normal"
-            allowed = "exclude each other: nodes that slide hold no normal, and do not turn"
-            remedy = f"Leave out {name}; or {free}, to hold the nodes in all directions."
-            raise InputError(f"{name} and {free} are given", allowed, self._label, remedy)
+            allowed = "exclude each other: nodes that slide do not turn"
+            remedy = f"Leave out rotate; or {free}, to hold the nodes in all directions."
+            raise InputError(f"rotate and {free} are given", allowed, self._label, remedy)
         if (self.direction is None) == (self.normal is None):
             given = "neither" if self.normal is None else "both"
             what = f"{given} of direction and normal"
             raise InputError(what, "needs one of them", self._label)
-        _ = self._axis  # raises an error for a direction or a normal without a length
+        _ = self.axis  # raises an error for a direction or a normal without a length
 
     @cached_property
-    def _axis(self) -> np.ndarray:
+    def axis(self) -> np.ndarray:
         """(3,) unit vector along the line, or across the plane."""
         name = "direction" if self.normal is None else "normal"
         return validation.direction(name, getattr(self, name), self._label)
@@ -391,5 +395,5 @@ class Slide(Pin):
     @property
     def projector(self) -> np.ndarray:
         """(3, 3) projector onto the line or the plane."""
-        P = np.outer(self._axis, self._axis)
+        P = np.outer(self.axis, self.axis)
         return P if self.normal is None else np.eye(3) - P

@@ -1,33 +1,26 @@
 """Seams: edges of a cloth that are sewn to others, exactly, by the elimination x = T y."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
-import scipy.sparse as sparse
-from scipy.sparse.csgraph import connected_components
 
 from fecloth.errors import InputError, brief, errors_of, flag, is_number
 from fecloth.mesh.cloth import Cloth
-from fecloth.mesh.mortar import mortar_weights
 from fecloth.mesh.selection import Where
-from fecloth.mesh.sewn_cloth import SewnCloth
 from fecloth.mesh.sewn_edge import SewnEdge
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import ANGLE, HYSTERESIS, TIME
 from fecloth.system.constraints import Constraints
-from fecloth.system.pins import Pin
-from fecloth.system.sewn_nodes import SewnNodes
+from fecloth.system.elimination import sew
+from fecloth.system.sewn_pairs import SewnPair, place_of, sewn_cloth
 from fecloth.terms.bending.friction import BendingFriction
 from fecloth.terms.bending.seam import SeamBending
 from fecloth.terms.traits import has_kind
 
 MOST_EASING = 0.2  # of the longer edge: the most by which two sewn edges may differ in length
-SAME_PLACE = 1e-6  # of the length of an edge: so near, two edges are the same but for a shift
-PLATE_REMEDY = "Give a number [N], or lay the pieces side by side on the flat cloth."
 MOST_GAP = 0.2  # of the shortest edge: a seam with less is closed at the start
-SAME_WEIGHT = 1e-9  # weights of two seams of one node that are as near are the same
 
 
 @checks_arguments
@@ -186,99 +179,6 @@ class Seam:
         return float(np.linalg.norm(gaps, axis=1).max()), shortest
 
 
-@dataclass(frozen=True, eq=False)
-class SewnPair:
-    """Two edges of a seam on a cloth: nodes (k,) follow nodes (l,) by weights W (k, l)."""
-
-    seam: Seam
-    leading: SewnEdge
-    following: SewnEdge
-    weights: sparse.csr_matrix
-
-    @classmethod
-    def of(cls, seam: Seam, cloth: Cloth) -> Self:
-        """Find the edges of a seam, and the weights."""
-        leading, following = seam.edges(cloth)
-        degree = 1 if cloth.element == "P1" else 2
-        W = mortar_weights(following.places, leading.places, degree)
-        return cls(seam, leading, following, W)
-
-    def rows(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Each node that follows, with its leaders and their weights."""
-        W = self.weights
-        for node, begin, end in zip(self.following.nodes, W.indptr, W.indptr[1:], strict=False):
-            yield int(node), self.leading.nodes[W.indices[begin:end]], W.data[begin:end]
-
-
-def _find_pairs(seams: Sequence[Seam], cloth: Cloth) -> list[SewnPair]:
-    """Find the edges of all seams; raise `InputError` for two seams of the same edges."""
-    pairs = [SewnPair.of(seam, cloth) for seam in seams]
-    numbers: dict[frozenset, int] = {}
-    for number, pair in enumerate(pairs, start=1):
-        edges = frozenset(frozenset(e.half_edges.tolist()) for e in (pair.leading, pair.following))
-        first = numbers.setdefault(edges, number)
-        if first != number:
-            what = f"[[seams]] {first} and {number} sew the same edges"
-            remedy = "Leave one of them out."
-            raise InputError(what, "edges are sewn together once", pair.seam.label, remedy)
-    return pairs
-
-
-def sew(seams: Sequence[Seam], cloth: Cloth, constraints: Constraints) -> Constraints:
-    """Return the constraints with the nodes that follow, and with pins on their leaders.
-
-    Nodes that meet whole, with one leader of the weight 1, are one: so corners in several seams,
-    and edges in several matching seams, are resolved. Raises `InputError` for a node that
-    follows in two other ways, for seams that lead back to themselves, and for a pin on a node
-    that follows others that are not pinned alike.
-    """
-    pairs = _find_pairs(seams, cloth)
-    followers = SewnNodes(_resolve(pairs, cloth.X))
-    close = np.zeros(len(cloth.X))
-    for pair in pairs:
-        if pair.seam.close is not None:  # of nodes that are one, any may follow
-            nodes = np.append(pair.following.nodes, pair.leading.nodes)
-            close[nodes] = np.maximum(close[nodes], pair.seam.close)
-    if close.any():
-        rows = {
-            _column(pair.seam): np.flatnonzero(np.isin(followers.nodes, pair.following.nodes))
-            for pair in pairs
-            if pair.seam.close
-        }
-        left = _Closing(close[followers.nodes, None])
-        followers = replace(followers, left=left, closing=rows)
-    groups = _pins_on_leaders(constraints, followers.T, cloth, pairs)
-    try:
-        on_leaders = Constraints.of(groups, cloth)
-    except InputError as error:
-        remedy = "Sewn nodes are one: pin the edge that leads, and leave the other one out."
-        raise InputError(error.what, error.allowed, "Seam", remedy) from None
-    return replace(on_leaders, followers=followers)
-
-
-def sewn_cloth(seams: Sequence[Seam], cloth: Cloth) -> SewnCloth:
-    """Return the cloth as bending and contact see it: with the plates that go on across seams.
-
-    Raises `InputError` for a seam with stiffness = "cloth" whose edges do not allow that.
-    """
-    pairs = _find_pairs(seams, cloth)
-    meeting = [
-        (node, int(leader))
-        for pair in pairs
-        for node, leaders, _ in pair.rows()
-        for leader in leaders
-    ]
-    plates = [pair for pair in pairs if pair.seam.stiffness == "cloth"]
-    for pair in plates:
-        _check_plate(pair, cloth)
-    sewn = SewnCloth.sew(cloth, _standing(plates, len(cloth.X)), np.array(meeting))
-    joints = len(sewn.hinges.nodes) - len(cloth.hinges.nodes)
-    if joints != sum(len(pair.leading.half_edges) for pair in plates):
-        what = 'stiffness = "cloth" with the cloth on the same side of both edges'
-        raise InputError(what, "needs it on both sides", plates[0].seam.label, PLATE_REMEDY)
-    return sewn
-
-
 def _check_corners(first: SewnEdge, second: SewnEdge, cloth: Cloth, label: str) -> None:
     """Raise `InputError` for edges that meet at a node with one triangle or two.
 
@@ -288,157 +188,7 @@ def _check_corners(first: SewnEdge, second: SewnEdge, cloth: Cloth, label: str) 
         node = first.nodes[end]
         count = np.count_nonzero(cloth.triangles == node)
         if node == second.nodes[end] and count <= 2:
-            what = f"edges around the corner {_place(cloth.X[node])}, which has {count} triangles"
+            what = f"edges around the corner {place_of(cloth.X[node])}, which has {count} triangles"
             allowed = "must have at least 3 there, as sewn ones collapse"
             remedy = "Cut the corner off the mesh, or leave the last nodes of both edges out."
             raise InputError(what, allowed, label, remedy)
-
-
-def _place(X: np.ndarray) -> str:
-    """Where a node is on the flat cloth, in words."""
-    return f"({X[0]:.6g}, {X[1]:.6g}) m"
-
-
-def _check_plate(pair: SewnPair, cloth: Cloth) -> None:
-    """Raise `InputError` unless the second edge is the first one, moved without a turn."""
-    allowed = "needs edges whose nodes match, and that are parallel"
-    matches = len(pair.leading.nodes) == len(pair.following.nodes) == pair.weights.nnz
-    if matches:
-        shift = cloth.X[pair.following.nodes] - cloth.X[pair.leading.nodes]
-        matches = bool(np.ptp(shift, axis=0).max() <= SAME_PLACE * pair.leading.length)
-    if not matches:
-        raise InputError('stiffness = "cloth"', allowed, pair.seam.label, PLATE_REMEDY)
-
-
-def _column(seam: Seam) -> str:
-    """The name of a seam in the column of its gap."""
-    return seam.first if isinstance(seam.first, str) else "seam"
-
-
-def _resolve(pairs: Sequence[SewnPair], X: np.ndarray) -> sparse.csr_matrix:
-    """Return T (n, n) of nodes at X (n, 2): their weights by the nodes that follow none."""
-    n = len(X)
-    stands = _standing(pairs, n)
-    rows = dict(enumerate(zip(stands[:, None], np.ones((n, 1)), strict=True)))
-    ruled: dict[int, Seam] = {}
-    for pair in pairs:
-        for followed, leaders, weights in pair.rows():
-            node = int(stands[followed])
-            if len(leaders) == 1:
-                continue
-            if node in ruled:
-                what = f"the node at {_place(X[followed])} follows in {ruled[node].label}, too"
-                allowed = "must follow in one seam, but at ends and on matching edges"
-                remedy = "Make the edges of one of them match, node by node."
-                raise InputError(what, allowed, pair.seam.label, remedy)
-            ruled[node] = pair.seam
-            rows[node] = stands[leaders], weights
-    columns, data = (np.concatenate(parts) for parts in zip(*rows.values(), strict=True))
-    starts = np.cumsum([0, *(len(leaders) for leaders, _ in rows.values())])
-    S = sparse.csr_matrix((data, columns, starts), shape=(n, n))
-    S.sum_duplicates()
-    T = S
-    for _ in range(len(pairs) + 2):  # leaders may follow in other seams
-        before, T = T, T @ S
-        if abs(T - before).max() <= SAME_WEIGHT:
-            T.eliminate_zeros()
-            return T
-    raise InputError(
-        f"the seams {', '.join(sorted({seam.label for seam in ruled.values()}))}",
-        "must not lead around in a circle: each edge would follow itself",
-        "System(seams=...)",
-        "Make the edges of one of them match, node by node.",
-    )
-
-
-def _standing(pairs: Sequence[SewnPair], n: int) -> np.ndarray:
-    """The node (n,) that stands for each node: nodes that meet whole are one.
-
-    It is the lowest of those that follow none whole; the lowest of all if there is none.
-    """
-    meeting = [
-        (node, int(leaders[0]))
-        for pair in pairs
-        for node, leaders, _ in pair.rows()
-        if len(leaders) == 1
-    ]
-    followed, leaders = np.array(meeting, np.int64).reshape(-1, 2).T
-    graph = sparse.coo_matrix((np.ones(len(meeting)), (followed, leaders)), (n, n))
-    count, group = connected_components(graph, directed=False)
-    follows = np.isin(np.arange(n), followed)
-    order = np.lexsort((np.arange(n), follows))[::-1]
-    first = np.zeros(count, np.int64)
-    first[group[order]] = order  # the last one written is the first of its group
-    standing: np.ndarray = first[group]
-    return standing
-
-
-def _pins_on_leaders(
-    constraints: Constraints, T: sparse.csr_matrix, cloth: Cloth, pairs: Sequence[SewnPair]
-) -> dict[str, tuple[Pin, np.ndarray]]:
-    """Return the pins by name, each with the nodes (k,) that it holds in place of followers.
-
-    Raises `InputError` for a node that follows others, which no pin holds as it.
-    """
-    groups = {
-        name: (pin, _leaders(pin, nodes, T, name))
-        for name, (pin, nodes) in constraints.groups.items()
-    }
-    for name, (pin, nodes) in constraints.groups.items():
-        followed = nodes[np.diff(T[nodes].indptr) > 1]
-        P = pin.projector
-        held = [
-            own
-            for other, own in groups.values()
-            if other is pin
-            or (
-                not (pin.moves or other.moves) and np.allclose(P @ other.projector, other.projector)
-            )
-        ]
-        is_held = np.isin(np.arange(len(cloth.X)), np.concatenate(held)).astype(float)
-        # the weights of all leaders, and those of the leaders that are held
-        free = followed[(abs(T[followed]) @ (1.0 - is_held)) > SAME_WEIGHT]
-        if len(free):
-            place = _place(cloth.X[free[0]])
-            what = f"pin {name!r} holds the node at {place}, which follows a seam"
-            leads = (brief(p.leading.where) for p in pairs if free[0] in p.following.nodes)
-            remedy = f"Pin {next(leads, 'the other edge')}, which leads, and leave this edge out: "
-            remedy += "the pin holds both edges."
-            raise InputError(what, "must hold the nodes that it follows, too", "Seam", remedy)
-    return groups
-
-
-def _leaders(pin: Pin, nodes: np.ndarray, T: sparse.csr_matrix, name: str) -> np.ndarray:
-    """Return the nodes (k,) that a pin holds: leaders in place of nodes that are one with them.
-
-    Nodes that follow several others are left out. Raises `InputError` for a motion by node.
-    """
-    W = T[nodes]
-    is_one = np.diff(W.indptr) == 1
-    leaders = W.indices[W.indptr[:-1][is_one]].astype(np.int64)
-    if is_one.all() and np.array_equal(leaders, nodes):
-        return nodes
-    if pin.displacement(0.0).ndim == 2:
-        what = f"pin {name!r} on a seam, with a motion for each node"
-        raise InputError(what, "must move all nodes alike", "Seam", "Pin the edge that leads.")
-    return np.unique(leaders)
-
-
-@dataclass(frozen=True, eq=False)
-class _Closing:
-    """The part of each gap that is left at a time, and its rate; see `Seam`.
-
-    Attributes
-    ----------
-    close
-        (k, 1) the time at which it is closed [s]; 0 if it is from the start.
-    """
-
-    close: np.ndarray
-
-    def __call__(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the part (k, 1) that is left at t [s], and its rate [1/s]."""
-        ends = np.where(self.close > 0, self.close, 1.0)
-        s = np.where(self.close > 0, np.clip(t / ends, 0.0, 1.0), 1.0)
-        left = 1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        return np.where(s < 1.0, left, 0.0), -30.0 * (s * (1.0 - s)) ** 2 / ends

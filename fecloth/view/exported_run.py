@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from fecloth.mesh.pieces import piece_of_nodes
 from fecloth.output.frame_reader import Series, clip_to_drawable, straight
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.view.checker_pattern import material_coordinates
@@ -80,10 +79,8 @@ def find_pieces(triangles: np.ndarray, st: np.ndarray, names: Sequence[str]) -> 
     `st` (n, 2) are the texture coordinates of all nodes. A mesh is called Cloth_NAME by one of
     the `names`, in letters that USD allows; or by its number if there are not as many names.
     """
-    n = len(st)
-    pairs = triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
-    graph = coo_array((np.ones(pairs.shape[1], np.int8), pairs), shape=(n, n))
-    count, piece_of_node = connected_components(graph, directed=False)
+    piece_of_node = piece_of_nodes(triangles, len(st))
+    count = piece_of_node.max() + 1
     identifiers = [re.sub(r"\W", "_", name, flags=re.ASCII) for name in names]
     if len(set(identifiers)) != count:
         identifiers = [str(piece + 1) for piece in range(count)]

@@ -132,6 +132,13 @@ def test_without_a_membrane_there_is_no_stress(system):
     assert set(fields(bare, bare.rest())[1]) == KINEMATIC
 
 
+def test_the_triangles_of_several_pieces_have_its_number(system):
+    both = fc.Cloth.join([system.cloth, system.cloth], names=["front", "back"])
+    _, cells = fields(system.replace(cloth=both), system.replace(cloth=both).rest())
+    assert (np.flatnonzero(cells["piece"] == 1) == both.region("back")).all()
+    assert set(np.unique(cells["piece"])) == {0, 1}
+
+
 # --- read back ------------------------------------------------------------------------------------
 
 

@@ -225,19 +225,6 @@ def test_method_and_step_are_chosen_where_both_are_left_out(file):
     assert isinstance(scene.time.steps(), fc.Auto)
 
 
-def test_remedy_for_a_node_of_two_slides_works(file):
-    given = "pins=[{where='left', normal=[1, 0, 0]}, {where='bottom', normal=[0, 1, 0]}%s]"
-    line = "let it slide by a third Slide with direction = [0.0, 0.0, 1.0]"
-    assert line in refusal(file, given % "")
-    remedy = given.replace("where='left'", "where='left', without='bottom'")
-    remedy = remedy.replace("where='bottom'", "where='bottom', without='left'")
-    third = ", {inside='X < 1e-9 and Y < 1e-9', direction=[0.0, 0.0, 1.0]}"
-    system = load_scene(file, [remedy % third]).build().system
-    corner = np.flatnonzero((system.cloth.X == 0).all(axis=1))
-    at = np.searchsorted(system.constraints.nodes, corner[0])
-    assert np.array_equal(system.constraints.projectors[at], np.diag([0.0, 0.0, 1.0]))
-
-
 def test_several_mistakes_are_reported_one_a_line(file):
     given = "time.dt=0", "mass=3", "title=3", "fabric.areal_density=-1"
     with pytest.raises(fc.SceneError) as caught:

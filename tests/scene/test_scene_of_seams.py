@@ -90,3 +90,66 @@ def test_a_sensitivity_agrees_with_twin_runs(method, tmp_path):
     scene = scene_file(tmp_path, method, text)
     s = fc.sensitivity(scene, parameters=["fabric.tensile_stiffness"], quantity="tip.z")
     assert s.checked < 1e-3
+
+
+STATIC = """
+[equilibrium]
+[[probes]]
+name = "tip"
+where = "low/bottom"
+[cloths.high]
+shape = "rectangle"
+width = 0.2
+height = 0.1
+h = 0.05
+pattern = "right"
+start = { shift = [0, 0.1, 0] }
+[cloths.low]
+shape = "rectangle"
+width = 0.2
+height = 0.1
+h = 0.025
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 50.0
+poisson_ratio = 0.4
+bending_rigidity = 1e-3
+"""
+HEAD = """
+terms = [
+  { type = "StVK" },
+  { type = "PlateBending" },
+  { type = "Gravity", acceleration = [0, -9.81, 0] },
+]
+pins = [{ where = "high/top" }]
+seams = [{ first = "high.bottom", second = "low.top" }]
+"""
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+def test_h_of_all_pieces_is_refined_in_their_ratio(tmp_path):
+    path = tmp_path / "strip.toml"
+    path.write_text(HEAD + STATIC)
+    study = fc.study.converge(path, "tip.y", levels=3)
+    assert study.verdict.startswith("converges")
+    triangles = [row["triangles"] for row in study.levels]
+    assert triangles == [80, 320, 1280]
+    # w (2H)²/2 = Y u along the strip, but for its held top
+    sunk = study.limit
+    assert sunk == pytest.approx(-0.2 * 9.81 * 0.2**2 / 2 / 50.0, rel=0.15)
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
+@pytest.mark.parametrize("start", ['disturb = "1 mm"', 'mode = 1\namplitude = "1 mm"'])
+def test_pieces_are_disturbed_together(start, tmp_path):
+    path = tmp_path / "strip.toml"
+    path.write_text(HEAD + STATIC + f"[start]\n{start}\n")
+    built = load_scene(path).build()
+    x = built.start.x
+    assert 5e-4 < np.abs(x[:, 2]).max() < 1.001e-3
+    assert not built.system.constraints.followers.gap(x).round(15).any()
+    assert not x[built.cloth.nodes("high/top"), 2].any()
+    path.write_text(HEAD + STATIC + "[start]\nshift = [0, 0, 1]\n")
+    with pytest.raises(SceneError, match="start.shift is given: is for one piece"):
+        load_scene(path).build()

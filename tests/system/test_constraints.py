@@ -45,7 +45,6 @@ def test_pins_that_agree_may_meet(small):
     [
         fc.Pin("bottom", ["0", "0", "t"]),
         fc.Pin("bottom", rotate=fc.Rotation((0, 0, 0), (1, 0, 0), "t")),
-        fc.Slide("bottom", direction=(1, 0, 0)),
     ],
 )
 def test_pins_that_differ_may_not_meet(other, small):
@@ -87,14 +86,25 @@ def test_rows_of_a_motion_are_of_the_nodes_that_are_left(small):
 
 def test_reactions_of_pins_that_meet_hold_the_whole_load(small, isotropic):
     terms = [fc.StVK(), fc.Gravity((1.0, 2.0, 0.0))]
-    system = fc.System(small, isotropic, terms, ["left", "bottom"])
-    alone = system.replace(pins=["left", fc.Pin("bottom", without="left")])
-    for each in (system, alone):
-        found = fc.equilibrium(each, each.rest())
-        forces = _held_forces(each, -each.force(found))
-        total = sum(forces.values())
-        np.testing.assert_allclose(total, -0.2 * 0.12 * np.array([1.0, 2, 0]), rtol=1e-9)
-    assert forces["left"][0] < -1e-3
+    slides = [fc.Slide("left", normal=(1, 0, 0)), fc.Slide("bottom", normal=(0, 1, 0))]
+    load = -0.2 * 0.12 * np.array([1.0, 2, 0])
+    for pins in (["left", "bottom"], ["left", fc.Pin("bottom", without="left")], slides):
+        system = fc.System(small, isotropic, terms, pins)
+        rest = fc.equilibrium(system, system.rest())
+        forces = _held_forces(system, -system.force(rest))
+        np.testing.assert_allclose(sum(forces.values()), load, rtol=1e-9)
+        assert forces["left"][0] < -1e-3
+    np.testing.assert_allclose(forces["left"], [load[0], 0, 0], rtol=1e-9)  # of the slides
+
+
+def test_the_reaction_of_a_clamp_is_the_weight():
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h=0.125, pattern="right")
+    fabric = fc.Fabric(0.2, 1000.0, bending_rigidity=0.01)
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity()]
+    system = fc.System(cloth, fabric, terms, [fc.Pin("left", clamp=True)])
+    rest = fc.equilibrium(system, system.rest())
+    reaction = _held_forces(system, -system.force(rest))["left"]
+    np.testing.assert_allclose(reaction, [0, 0, 0.05 * 9.81], atol=1e-6)
 
 
 def test_clamps_that_meet_hold_each_edge_once(small):

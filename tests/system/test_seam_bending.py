@@ -77,6 +77,22 @@ def test_the_energy_of_a_folded_seam_is_its_closed_form(element, h):
         assert energies["StVK"] == pytest.approx(0.0, abs=1e-18)
 
 
+def test_the_error_in_space_is_that_of_the_cloth_beside_the_seam():
+    """The spring is no strain: at equal positions the estimate is the one with a hinge."""
+    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=h, pattern="right") for h in (0.0625, 0.05))
+    cloth = fc.Cloth.join([a, shifted(b, 0.5)], names=["a", "b"])
+    seam = fc.Seam("a.right", "b.left", stiffness=0.02)
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity((0, 0, -0.5))]
+    pins = [fc.Pin("a/left", clamp=True)]
+    system = fc.System(cloth, FABRIC, terms, pins, seams=[seam])
+    rest = fc.equilibrium(system, system.rest())
+    estimate = fc.space_error(system, rest).relative
+    hinge = system.replace(terms=terms, seams=[replace(seam, stiffness=0.0)])
+    assert 0.01 < estimate < 0.3
+    assert estimate == fc.space_error(hinge, rest).relative
+    assert rest.space_error == pytest.approx(estimate)
+
+
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_seam_bending_passes_the_slope_test(element):
     a, b = (fc.Cloth.rectangle(0.5, 0.25, h=h, element=element) for h in (0.125, 0.08))

@@ -88,6 +88,9 @@ class PlateBending:
         plate = bind_angles(panel, slots, "PlateBending")
         rest = fold_measure(rest_angles(self.rest, panel))
         of_clamps = np.zeros(len(plate.held))
+        if self.rest == "start" and panel.start is not None:
+            at_start = replace(plate, moved=None)
+            of_clamps = at_start.measures(panel.start, 0.0)[len(rest) :]
         return BoundPlate(plate, rest=np.append(rest, of_clamps), panel=panel)
 
 

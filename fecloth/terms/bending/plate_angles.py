@@ -120,19 +120,6 @@ def _count_row_nodes(nodes: np.ndarray, Q: sparse.csr_matrix, n: int) -> np.ndar
     return np.diff((coupled_hinges @ nodes_of_hinge).indptr).astype(np.int64)
 
 
-def mirror(corners: np.ndarray) -> np.ndarray:
-    """(c, 3) the third corners of triangles (c, 3, 3), mirrored at their first edge.
-
-    The edge and the mirrored point lie in the plane of the triangle.
-    """
-    a, b, apex = np.moveaxis(corners, 1, 0)
-    edge = b - a
-    arm = apex - a
-    square = np.sum(edge * edge, axis=1, keepdims=True)
-    along = np.sum(edge * arm, axis=1, keepdims=True) / square
-    return apex - 2 * (arm - along * edge)
-
-
 def clamped_gradient(corners: np.ndarray) -> np.ndarray:
     """(c, 4) ∂θ/∂z about flat of clamped edges; `corners` (c, 3, 2) of their triangles."""
     edge = corners[:, 1] - corners[:, 0]
@@ -345,8 +332,7 @@ class PlateAngles:
     ) -> float:
         """Work [J] that moves the normals of clamps over a step: the mean of ∂W/∂p, times Δp.
 
-        p are the points in space that stand for the normals. In a translation this work and the
-        work of the pinned nodes cancel, as the forces are opposite.
+        p are the points in space that stand for the normals.
 
         Parameters
         ----------
@@ -386,14 +372,13 @@ def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
         # Half-edge 3 e + i is edge i of triangle e. Its two nodes come first, then the apex.
         triangles, edge = np.divmod(panel.clamps.half_edges, 3)
         corners = slopes.edges.triangles[triangles[:, None], (edge[:, None] + np.arange(3)) % 3]
-        # A clamped edge is a hinge with a triangle in space: the mirror image of its own at the
-        # start. Its apex is held there, and is no node.
+        # A clamped edge is a hinge with a triangle in space, whose apex is no node.
         in_space = np.full((len(corners), 1), -1, np.int32)
         clamped = np.hstack([corners, in_space]).astype(np.int32)
         nodes = np.concatenate([nodes, clamped])
         moved = panel.clamps.moved
         gradient = np.concatenate([gradient, clamped_gradient(panel.cloth.X[corners])])
-        held = mirror(panel.clamps.start[corners])
+        held = panel.clamps.points
     return PlateAngles(
         nodes=nodes,
         held=held,

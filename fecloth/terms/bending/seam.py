@@ -9,11 +9,13 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.mortar import common_pieces
 from fecloth.mesh.selection import Where
 from fecloth.mesh.sewn_edge import SewnEdge
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.terms.bending.hinge import KERNELS, BoundHinges
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.traits import BOTH, TermTraits
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class SeamBending:
     """½ k ∫ (θ − θ₀)² ds along a seam, with the angle θ between the triangles on both sides.
@@ -59,7 +61,7 @@ class SeamBending:
     def bind(self, panel: Panel, slots) -> BoundTerm:
         """Return the term on a panel."""
         nodes, lengths = self._hinges(panel.cloth)
-        return BoundHinges.bind(
+        return BoundSeam.bind(
             "SeamBending",
             KERNELS,
             convex=(False,),  # ∂²θ is indefinite
@@ -84,6 +86,13 @@ class SeamBending:
         *_, opposite = _oriented(cloth, following.nodes[other], following.nodes[other + 1])
         nodes = np.column_stack([first, last, apex, opposite]).astype(np.int32)
         return nodes, np.diff(cuts) * leading.length
+
+
+class BoundSeam(BoundHinges):
+    """`SeamBending` on a cloth: a sum over pieces of a line."""
+
+    # a spring, and no strain of the cloth: what is wrong beside it is in strain and curvature
+    stores_strain = False
 
 
 def _oriented(
