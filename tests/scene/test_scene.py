@@ -36,19 +36,6 @@ def file(tmp_path):
     return path
 
 
-def test_expectations_are_required_by_check_only(file):
-    scene = load_scene(file, ["expect.sag.at=3"])
-    scene.build()
-    with pytest.raises(
-        fc.SceneError, match=r"expect.sag.at = 3.0: must be at most time.t_end = 0.1"
-    ):
-        scene.require_expectations()
-    with pytest.raises(fc.SceneError, match=r"no \[expect\] table"):
-        load_scene(file, ["expect={}"]).require_expectations()
-    with pytest.raises(fc.SceneError, match=r"at = 0.01: must be at least time.t_start = 0.05"):
-        load_scene(file, ["expect.sag.at=0.01", "time.t_start=0.05"]).require_expectations()
-
-
 def refusal(path, *overrides) -> str:
     """The message with which a scene is refused, when read or when built."""
     with pytest.raises(fc.SceneError) as caught:
@@ -236,17 +223,6 @@ def test_several_mistakes_are_reported_one_a_line(file):
         ] * 4
         for key in ("time.dt = 0", "mass = 3", "title = 3", "fabric.areal_density = -1"):
             assert sum(f": {key}" in line for line in lines) == 1
-
-
-def test_all_unknown_or_missing_keys_of_a_table_are_reported(file):
-    lines = refusal(file, "time.t_ende=1", "time.metod=3").splitlines()
-    assert [("t_ende" in line, "metod" in line) for line in lines] == [(True, True)] * 2
-    assert [line.split(": ")[1] for line in lines] == ["time.t_ende = 1", "time.metod = 3"]
-    lines = refusal(file, "cloth={shape='disk'}").splitlines()
-    assert [line.split(": ")[1] for line in lines] == [
-        "cloth.radius is missing",
-        "cloth.h is missing",
-    ]
 
 
 UNCLOSED = "not TOML ({}). A text has no closing quotation mark."

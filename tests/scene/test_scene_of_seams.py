@@ -150,6 +150,3 @@ def test_pieces_are_disturbed_together(start, tmp_path):
     assert 5e-4 < np.abs(x[:, 2]).max() < 1.001e-3
     assert not built.system.constraints.followers.gap(x).round(15).any()
     assert not x[built.cloth.nodes("high/top"), 2].any()
-    path.write_text(HEAD + STATIC + "[start]\nshift = [0, 0, 1]\n")
-    with pytest.raises(SceneError, match="start.shift is given: is for one piece"):
-        load_scene(path).build()
