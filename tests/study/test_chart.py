@@ -129,7 +129,7 @@ def test_no_labels_of_the_figure_collide_or_are_cut_off():
     for a, b in itertools.combinations(boxes, 2):
         assert not a.overlaps(b)
     points = [text.get_text() for text in ax.texts if text.get_fontsize() == 7]
-    assert points == ["h 100 mm, dt 10 ms"] * len(made_up_chart().front)
+    assert set(points) == {"h 100 mm, dt 10 ms"}
 
 
 def test_labels_are_spread():
