@@ -94,12 +94,11 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     touches = Touches.join(touching)
     system = opening.system
     rows = (touches.rows @ system.admissible).tocsr()
-    factor = splu(system.free_mass)
+    solve_mass = inverse_of(system.free_mass)
     u = touches.rows @ new.v.ravel() - touches.surface
 
     def change(of_places: np.ndarray) -> np.ndarray:
-        solution: np.ndarray = factor.solve(rows.T @ of_places)
-        return solution
+        return solve_mass(rows.T @ of_places)
 
     pushed = change(touches.pushed)
     free = u - rows @ pushed
@@ -125,8 +124,11 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     # and a force of one step dt times itself, with what the method remembers of it.
     lasting = opening.stage.wv / opening.stage.wa
     times = np.where(strikes, opening.dt, lasting)
-    forces = tuple(np.split(impulses / times, ends))
-    stroke, of_impacts = (velocity(change(strikes * places)) for places in (impulses, beyond))
+    of_points = [0 if part is None else part.shares.shape[0] for part in parts]
+    forces = tuple(np.split(touches.shares @ (impulses / times), np.cumsum(of_points)[:-1]))
+    stroke = of_impacts = np.zeros_like(new.v)
+    if strikes.any():
+        stroke, of_impacts = (velocity(change(strikes * each)) for each in (impulses, beyond))
     return Struck(state, stroke, of_impacts, works, forces)
 
 
@@ -143,6 +145,15 @@ def with_forces(history: History | None, struck: Struck) -> History | None:
 def share_mass(system: System) -> None:
     """Make what impacts need, before a step copies the system: the copies share it."""
     _ = system.free_mass
+
+
+def inverse_of(mass: sparse.csc_matrix) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function b ↦ mass⁻¹ b; a lumped mass is a diagonal."""
+    if mass.nnz == mass.shape[0]:
+        diagonal = mass.diagonal()
+        return lambda b: b / diagonal
+    solve: Callable[[np.ndarray], np.ndarray] = splu(mass).solve
+    return solve
 
 
 def is_impact(before: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -185,6 +196,12 @@ class Places(NamedTuple):
         changes: np.ndarray = self.rows.power(2) @ (1 / self.mass.diagonal())
         return changes
 
+    @property
+    def are_apart(self) -> bool:
+        """Whether each degree of freedom is changed by one place only, and has its own mass."""
+        has_own_mass = self.mass.nnz == self.mass.shape[0]
+        return bool(has_own_mass and self.rows.getnnz(axis=0).max(initial=0) <= 1)
+
     def find_impulses(self, c: np.ndarray, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the impulses Λ (m,) [N s] and the change q (f,) of the velocities by them [m/s].
 
@@ -194,6 +211,8 @@ class Places(NamedTuple):
         """
         most = self.limits(c, strikes)
         impulses, q = self.solve(c, most)
+        if self.are_apart:  # an impulse alone leaves the place no more than its c
+            return impulses, q
         while (gained := (c > 0.0) & self.gains_energy(impulses, self.rows @ q)).any():
             c = np.where(gained, LESS_SPEED * c, c)
             impulses, q = self.solve(c, most)
@@ -240,9 +259,10 @@ class Places(NamedTuple):
             impulses: np.ndarray = np.clip((c - u) / gives, 0.0, most)
             return impulses
 
-        # Exact where no places share a node.
         alone = np.clip(COMPLIANCE * (c - self.free) / gives, 0.0, most)
-        q = splu(self.mass).solve(self.rows.T @ alone)
+        q = inverse_of(self.mass)(self.rows.T @ alone)
+        if self.are_apart:
+            return alone, q
         for _ in range(MOST_ITERATIONS):
             u = self.free + self.rows @ q
             impulses = impulses_at(u)

@@ -142,15 +142,12 @@ class BackwardEuler(StageMethod):
         """Close the step with the unknown q (n, 3), and let impacts change its velocities."""
         step = super().close(opening, q, counts)
         struck = after_impacts(opening, step.state)
-        history = with_forces(step.history, struck)
-        if struck.state is step.state:
-            return replace(step, history=history)
         return replace(
             step,
             state=struck.state,
             unstruck=step.state,
             works=struck.works,
-            history=history,
+            history=with_forces(step.history, struck),
         )
 
 

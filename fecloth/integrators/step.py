@@ -88,7 +88,7 @@ class Step:
     unstruck
         The new state before impulses of impacts have changed its velocities; None without any.
     works
-        Work [J] of these impulses by what moves, of each term; () without any.
+        Work [J] of these impulses by what moves, of each term; () where nothing touches.
     """
 
     state: State
@@ -108,6 +108,11 @@ class Step:
     new_force: np.ndarray | None = None
     unstruck: State | None = None
     works: tuple[float, ...] = ()
+
+    @property
+    def touches(self) -> bool:
+        """Whether a contact pushes at the end of the step."""
+        return bool(self.works)
 
     @property
     def before_impacts(self) -> "Step":

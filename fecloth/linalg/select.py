@@ -73,6 +73,7 @@ class AutoSolver:
         self._make = {"pcg": PCG, "multigrid": Multigrid}
         if direct:
             self._make["direct"] = direct
+        self._expected = expected() if direct else "pardiso"
         self.drop()
 
     def drop(self) -> None:
@@ -123,7 +124,7 @@ class AutoSolver:
         solver = self._solvers.get("direct")
         if solver is not None:
             return self._prices.factors[solver.name]
-        return self._prices.factors[expected() if "direct" in self._make else "pardiso"]
+        return self._prices.factors[self._expected]
 
     @property
     def _entries(self) -> float:

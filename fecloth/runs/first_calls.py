@@ -97,7 +97,7 @@ def find_method(problem: Setup) -> Any:
     if not isinstance(steps, Auto):
         return steps.method
     assert problem.t_end is not None
-    return steps.candidates(problem.system, problem.t_end - problem.start.t)[0].method
+    return steps.candidates(problem.system)[0].method
 
 
 def make_system_over_step(problem: Setup, method: Any) -> System:

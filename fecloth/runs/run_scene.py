@@ -5,7 +5,6 @@ The page fecloth/runs/README.md lists its files.
 
 import os
 import platform
-import tomllib
 from collections.abc import Callable
 from contextlib import ExitStack
 from importlib.metadata import version
@@ -165,8 +164,7 @@ def _with_earlier_method(problem: Problem, earlier: Restart | None) -> Problem:
     """Return the problem with the method that `Auto` chose when the run began."""
     if not earlier or not isinstance(problem.steps, Auto):
         return problem
-    then = tomllib.loads(earlier.scene)["time"]["t_end"]  # now it may be later
-    for steps in problem.steps.candidates(problem.system, then - problem.start.t):
+    for steps in problem.steps.candidates(problem.system):
         if str(steps) == earlier.method:
             return problem.taking(steps)
     raise InputError(f"the run used {earlier.method}", "is none of Auto's methods")

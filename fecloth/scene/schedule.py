@@ -19,7 +19,7 @@ from fecloth.simulation.resolve import choose_steps
 from fecloth.simulation.step_times import EARLIER, coarse_clock
 
 MOST_STEPS = 10_000_000  # of a scene: more are taken for a mistake, such as dt in ms
-CHOSEN = ("rtol", "atol", "longest", "shortest")  # parameters of `Adaptive` and `Auto`
+CHOSEN = ("rtol", "atol", "longest")  # parameters of `Adaptive` and `Auto`
 _METHODS = METHODS | EXPLICIT
 
 
@@ -56,8 +56,6 @@ class Time(Table):
     """Error of the chosen steps [m/s]."""
     longest: Annotated[float | None, TIME] = Field(None, gt=0)
     """The longest chosen step [s]; see `Adaptive`."""
-    shortest: Annotated[float | None, TIME] = Field(None, ge=0)
-    """No step is made shorter for its error [s]; see `Adaptive`."""
     error_in_time: Literal["sampled", "companion", "none"] = "sampled"
     """How the error in time is estimated: from samples of the run; by a second run with other
     steps beside it, which costs about as much again; or not."""

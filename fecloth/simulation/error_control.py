@@ -31,6 +31,11 @@ LEAST_GROWTH = 1.2
 MOST_ATTEMPTS = 40
 SMALL_ERROR = 0.1  # over the allowed error; a step with less is sampled inside for pulses
 LARGEST_FIRST_STEP = 10.0  # over the flight that estimates the error of the first step
+# A step that begins or ends in contact may err by as much as this time of motion [s].
+TIME_OF_CONTACT = 1.0
+# Iterations of such a step: after more the next step is half as long, after fewer it may be longer.
+MOST_ITERATIONS = 12
+FEW_ITERATIONS = 4
 
 
 @remembered
@@ -48,6 +53,8 @@ class Control:
         (n, 3) mean acceleration of the last step [m/s²].
     t
         Time of the middle of the last step [s].
+    touched
+        Whether the last step ended in contact.
     method_memory
         The memory of the method itself.
     """
@@ -56,6 +63,7 @@ class Control:
     error: float
     a: np.ndarray
     t: float
+    touched: bool = False
     method_memory: object = None
 
     @property
@@ -119,6 +127,11 @@ class Adaptive(ChosenSteps):
     Wanner 1996, Solving Ordinary Differential Equations II, eq. IV.2.43). A step beyond its
     tolerance, or one that Newton cannot solve, is rejected and tried shorter.
 
+    At an impact the acceleration jumps, and no step is short enough for a bound for each second.
+    A step that begins or ends in contact may therefore err by atol + rtol R times a second,
+    whatever its size is. Its work decides, too: after more than 12 iterations of Newton's method
+    the next step is half as long, and it is longer only after fewer than 4.
+
     The ends of a step do not show a short motion inside it. A step with little error is
     therefore sampled, at sixteen times for the motion of pins and at five for loads that
     depend on time, and rejected if these deviate from the interpolation between its ends.
@@ -142,19 +155,15 @@ class Adaptive(ChosenSteps):
         The same as a velocity [m/s], added.
     longest
         Longest step [s], for motions and loads shorter than the samples see; None for any.
-    shortest
-        No step is made shorter than this [s] for its error, as an impact takes less time than
-        any step. A step that cannot be solved may be shorter.
     """
 
     method: protocol.Integrator
     rtol: float = 1e-3
     atol: float = 0.0
     longest: Annotated[float | None, TIME] = None
-    shortest: Annotated[float, TIME] = 0.0
 
     def __post_init__(self):
-        for name in ("rtol", "atol", "shortest"):
+        for name in ("rtol", "atol"):
             value = getattr(self, name)
             if not (is_number(value) and value >= 0):
                 raise InputError(f"{name} = {value!r}", "must be a number >= 0", "Adaptive")
@@ -232,10 +241,7 @@ class Adaptive(ChosenSteps):
                         size=attempt.step.size or dt,
                     )
             reason = attempt.reason
-            shorter = attempt.dt * self._shortening(attempt.error)
-            if attempt.error < math.inf:
-                shorter = min(attempt.dt, max(shorter, self.shortest))
-            dt = shorter
+            dt = attempt.dt * self._shortening(attempt.error)
         raise none_short_enough(
             dt,
             reason,
@@ -266,17 +272,23 @@ class Adaptive(ChosenSteps):
         dt = step.state.t - state.t
         if error < SMALL_ERROR:
             error = max(error, self.error_within_step(system, state, step))
-        is_shortest = dt <= self.shortest * (1 + SAME_TIME)
-        if error <= 1 or (is_shortest and error < math.inf):
-            after = Control(self._next_dt(dt, control, error), min(error, 1.0), a, t, step.memory)
-            return Attempt(dt, error, "", step, after)
+        if error <= 1:
+            return Attempt(dt, error, "", step, self._after(step, dt, control, error, a, t))
         return Attempt(dt, error, f"the error is {error:.3g} times the allowed one", step)
 
     def control_after(self, system: System, old: State, step: Step, control: Control) -> Control:
         """Return the memory after a step from `old` that is taken, whatever its error is."""
         a, t, error = self.error(system, old, step, control)
         dt = step.state.t - old.t
-        return Control(self._next_dt(dt, control, error), min(error, 1.0), a, t, step.memory)
+        return self._after(step, dt, control, error, a, t)
+
+    def _after(
+        self, step: Step, dt: float, control: Control, error: float, a: np.ndarray, t: float
+    ) -> Control:
+        """Return the memory after a step of dt [s]; see `Control`."""
+        most = _growth_by_work(step.counts.newton) if step.touches else LONGEST
+        following = self._next_dt(dt, control, error, most)
+        return Control(following, min(error, 1.0), a, t, step.touches, step.memory)
 
     def _shortening(self, error: float) -> float:
         """Return the next attempt over the attempt that failed with this error."""
@@ -294,21 +306,20 @@ class Adaptive(ChosenSteps):
         length = deviation + self._error_constant * p * dt**2 * push
         return length / (dt * self.allowed(system, step.state))
 
-    def _next_dt(self, dt: float, control: Control, error: float) -> float:
+    def _next_dt(self, dt: float, control: Control, error: float, most: float = LONGEST) -> float:
         """Return the next step [s] by the errors e of this step and of the step before it.
 
         dt SAFETY e^(−0.7/p) e_before^(0.4/p), a proportional and integral control (Hairer and
-        Wanner 1996, Solving Ordinary Differential Equations II, IV.2). The step grows where it
-        is below `shortest`.
+        Wanner 1996, Solving Ordinary Differential Equations II, IV.2), and at most `most` dt.
         """
         p = self.traits.order
         least = 1e-4  # so that one tiny error does not rule the next step
         before = max(control.error, least)
         factor = SAFETY * max(error, least) ** (-0.7 / p) * before ** (0.4 / p)
-        if 1 <= factor < LEAST_GROWTH and dt >= self.shortest:
+        factor = min(factor, most)
+        if 1 <= factor < LEAST_GROWTH:
             return dt
-        least = min(LONGEST, max(SHORTEST, self.shortest / dt))
-        return dt * min(LONGEST, max(least, factor))
+        return dt * max(SHORTEST, factor)
 
     @property
     def _stepper(self):
@@ -353,6 +364,15 @@ class Adaptive(ChosenSteps):
         rate = system.sums.rms(system.diagonal_mass, derivative)
         error = self._error_constant * dt**order * rate
         error /= self.allowed(system, new)
+        if step.touches or control.touched:
+            error *= dt / TIME_OF_CONTACT
         if not math.isfinite(error):
             error = math.inf
         return a, t, error
+
+
+def _growth_by_work(iterations: int) -> float:
+    """Return the largest next step over a step with this many iterations, of a contact."""
+    if iterations > MOST_ITERATIONS:
+        return 0.5
+    return LONGEST if iterations < FEW_ITERATIONS else 1.0

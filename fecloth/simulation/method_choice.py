@@ -34,7 +34,6 @@ SHARE = 0.05  # of the work of the cheaper run predicted so far: a trial takes n
 # later. The mean of the runs of studies.evidence.benchmarks.auto_method.
 LATER = 1.8
 LUMPED_ONLY = "a consistent mass leaves no explicit method"
-STEPS_WITH_CONTACT = 1000  # of a run: its steps are not shortened further for their error
 
 
 @dataclass(frozen=True)
@@ -76,19 +75,17 @@ class Auto(ChosenSteps):
     choice is the same in every run and on every machine, whichever linear solver the run takes.
     The first steps do not predict later changes of the motion.
 
-    With contact it is `Adaptive` around `BDF2`, without a trial. Its steps are not shorter than
-    a thousandth of the run for their error, as impacts take less time than any step.
+    With contact it is `Adaptive` around `BDF2`, without a trial.
 
     Parameters
     ----------
-    rtol, atol, longest, shortest
+    rtol, atol, longest
         As for `Adaptive`.
     """
 
     rtol: float = 1e-3
     atol: float = 0.0
     longest: Annotated[float | None, TIME] = None
-    shortest: Annotated[float, TIME] = 0.0
 
     traits = MethodTraits(order=2, chooses_dt=True)
 
@@ -96,17 +93,16 @@ class Auto(ChosenSteps):
         with errors_of("Auto"):
             self._candidate(GeneralizedAlpha())  # refuses the parameters
 
-    def candidates(self, system: System, duration: float) -> tuple[Adaptive, ...]:
-        """Return the methods to choose from for a run of this duration [s]."""
+    def candidates(self, system: System) -> tuple[Adaptive, ...]:
+        """Return the methods to choose from."""
         if any(term.needs_end for term in system.bound):
-            shortest = max(self.shortest, duration / STEPS_WITH_CONTACT)
-            return (replace(self._candidate(BDF2()), shortest=shortest),)
+            return (self._candidate(BDF2()),)
         if system.mass_kind != "lumped":
             return (self._candidate(GeneralizedAlpha()),)
         return self._candidate(GeneralizedAlpha()), self._candidate(CentralDifference())
 
     def _candidate(self, method) -> Adaptive:
-        return Adaptive(method, self.rtol, self.atol, self.longest, self.shortest)
+        return Adaptive(method, self.rtol, self.atol, self.longest)
 
     def step(self, *_):
         """Raise `InputError`: `march` chooses a method before the first step."""
@@ -129,7 +125,7 @@ class Auto(ChosenSteps):
         newton
             Options of the nonlinear solve.
         """
-        implicit, *rest = self.candidates(system, t_end - state.t)
+        implicit, *rest = self.candidates(system)
         if not rest:
             has_contact = type(implicit.method) is BDF2
             return implicit, "contact leaves BDF2" if has_contact else LUMPED_ONLY

@@ -8,14 +8,10 @@ from fecloth.simulation.stability_limited import StabilityLimited
 def name_shorter_steps(steps: StepChoice) -> str:
     """Return what makes the steps of a run shorter, as "a smaller dt", for a remedy.
 
-    Whoever has given a tolerance has no dt in their hands. Steps that are at `shortest` do not
-    follow the tolerance, but are never above `longest`.
+    Whoever has given a tolerance has no dt in their hands.
     """
     if isinstance(steps, Adaptive):
-        words = f"a smaller {'rtol' if steps.rtol else 'atol'}"
-        if steps.shortest:
-            words += f" and longest below {steps.shortest:.2g} s"
-        return words
+        return f"a smaller {'rtol' if steps.rtol else 'atol'}"
     if isinstance(steps, StabilityLimited):
         return "a dt below the largest stable one"
     return "a smaller dt"

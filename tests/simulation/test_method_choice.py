@@ -9,9 +9,12 @@ import pytest
 from support.matrices import hide
 
 import fecloth as fc
+from fecloth.integrators.step import Step
 from fecloth.linalg.prices import StepPrices
 from fecloth.nonlinear.newton import NewtonFailed
+from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation import method_choice
+from fecloth.simulation.error_control import Control
 from fecloth.simulation.fused_march import ROWS
 from fecloth.simulation.resolve import resolve
 
@@ -100,7 +103,7 @@ def test_the_choice_is_the_same_without_other_packages(monkeypatch, linear):
 
 def test_a_trial_ends_where_it_takes_more_than_its_part_of_the_other_run(monkeypatch):
     system, state = sheet(damping=0.02)
-    method, _ = fc.Auto().candidates(system, 1.0)
+    method, _ = fc.Auto().candidates(system)
     taken = []
     step = fc.GeneralizedAlpha.step
     monkeypatch.setattr(fc.GeneralizedAlpha, "step", lambda *given: taken.append(1) or step(*given))
@@ -118,7 +121,7 @@ def test_a_trial_ends_where_it_takes_more_than_its_part_of_the_other_run(monkeyp
 def test_the_predicted_work_is_the_work_of_the_steps(monkeypatch):
     """All steps are at the stability limit: their number is the length of the run over it."""
     system, state = sheet(stiffness=1e4)
-    _, method = fc.Auto(rtol=1.0).candidates(system, 0.5)
+    _, method = fc.Auto(rtol=1.0).candidates(system)
     trial = method_choice.try_explicit(method, system, state, np.array([0.5]))
     steps = sum(1 for _ in fc.march(system, method, state, t_end=0.5))
     prices = StepPrices.of(system.pattern)
@@ -132,14 +135,67 @@ def test_the_predicted_work_is_the_work_of_the_steps(monkeypatch):
     assert trial.work == pytest.approx(steps * prices.row, rel=0.05)
 
 
-@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
-def test_a_run_with_contact_takes_no_thousands_of_steps():
-    """A square falls flat on a plane: its impact has no duration that steps could resolve."""
+def falling_square(restitution):
     cloth = fc.Cloth.rectangle(0.4, 0.4, h=0.2, pattern="right")
-    floor = fc.Obstacle(fc.shapes.Plane((0, 0, -0.02), (0, 0, 1)), gap=1e-3)
-    system = fc.System(cloth, fc.Fabric(0.2, 100.0, 0.3), [fc.StVK(), fc.Gravity(), floor])
-    result = fc.run(system, fc.Auto(rtol=1e-4), system.rest(), t_end=0.1)
+    plane = fc.shapes.Plane((0, 0, -0.02), (0, 0, 1))
+    floor = fc.Obstacle(plane, gap=1e-3, friction=0.3, restitution=restitution)
+    return fc.System(cloth, fc.Fabric(0.2, 100.0, 0.3), [fc.StVK(), fc.Gravity(), floor])
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+@pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-4])
+def test_steps_find_the_time_of_an_impact_to_their_tolerance(rtol):
+    """A square falls flat and bounces: its height, and few steps."""
+    e, g, t_end, gap = 0.8, 9.81, 0.1, 1e-3
+    system = falling_square(e)
+    result = fc.run(system, fc.Auto(rtol=rtol), system.rest(), t_end=t_end)
     assert isinstance(result.method.method, fc.BDF2)
-    assert result.method.shortest == pytest.approx(1e-4)
-    assert len(result.times) < 1100
-    assert -0.02 < result.state.x[:, 2].min() < -0.018
+    assert len(result.times) < 40
+    fall = 0.02 - gap
+    t = t_end - np.sqrt(2 * fall / g)
+    height = -fall + e * np.sqrt(2 * g * fall) * t - g * t**2 / 2
+    allowed = rtol * 0.4 / np.sqrt(6)  # R of a square
+    assert result.state.x[:, 2].mean() == pytest.approx(height, abs=4 * allowed + 0.2 * gap)
+
+
+@pytest.mark.parametrize(
+    ("touches", "touched", "iterations", "most"),
+    [
+        (True, False, 13, 0.5),
+        (True, True, 12, 1.0),
+        (True, True, 3, 2.0),
+        (False, True, 13, 2.0),
+        (False, False, 3, 2.0),
+    ],
+)
+def test_the_work_of_a_step_in_contact_decides_on_the_next(touches, touched, iterations, most):
+    system = falling_square(0.0)
+    old, dt = system.rest(), 1e-3
+    new = system.state(old.x, old.v, t=dt)
+    counts = Counts(newton=iterations)
+    step = Step(new, new, None, counts, works=(0.0,) if touches else ())
+    method = fc.Adaptive(fc.BDF2())
+    before = Control(dt, 1e-2, np.full((9, 3), 2.0), -dt / 2, touched)
+    after = method.control_after(system, old, step, before)
+    assert after.touched == touches
+    error = 2 / 9 * dt * np.sqrt(12.0) / method.allowed(system, new)
+    if touches or touched:
+        error *= dt  # over one second
+    assert method.error(system, old, step, before)[2] == pytest.approx(error)
+    assert after.dt == pytest.approx(dt * min(most, 0.9 * error**-0.35 * 0.01**0.2))
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_steps_in_contact_go_on_from_a_memory_with_the_same_bits():
+    system = falling_square(0.5)
+    method = fc.Adaptive(fc.BDF2())
+    x = system.rest().x + np.array([[0, 0, 1e-3]]) * system.cloth.X[:, :1]
+    options = {"t_end": 0.12, "solver": "pcg", "newton": fc.Newton(reuse=False)}
+    whole = list(fc.march(system, method, system.state(x), **options))
+    middle = next(n for n, (_, info) in enumerate(whole) if info.result.touches) + 2
+    state, info = whole[middle]
+    rest = list(fc.march(system, method, state, **options, memory=info.memory))
+    assert len(rest) == len(whole) - middle - 1 > 3
+    for (left, _), (right, _) in zip(rest, whole[middle + 1 :], strict=True):
+        assert left.t == right.t
+        np.testing.assert_array_equal(left.x, right.x)

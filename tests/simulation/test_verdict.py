@@ -143,7 +143,6 @@ def test_dissipation_of_the_method_names_methods_that_contact_allows(method, tou
         (fc.BDF2(), "a smaller dt"),
         (fc.Adaptive(fc.BDF2()), "a smaller rtol"),
         (fc.Adaptive(fc.BDF2(), rtol=0.0, atol=1e-3), "a smaller atol"),
-        (fc.Adaptive(fc.BDF2(), shortest=2e-3), "a smaller rtol and longest below 0.002 s"),
         (StabilityLimited(fc.CentralDifference()), "a dt below the largest stable one"),
     ],
     ids=str,

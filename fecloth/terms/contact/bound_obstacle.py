@@ -18,7 +18,7 @@ from fecloth.terms.contact.inside import refuse_inside
 from fecloth.terms.contact.points import Contacts, Points
 from fecloth.terms.contact.shape import Shape, TimeDifference
 from fecloth.terms.contact.surfaces import Triangles, surface_of
-from fecloth.terms.contact.touches import Touches, rows_of
+from fecloth.terms.contact.touches import Touches, TouchingPoints, touches_at_nodes
 from fecloth.terms.last_states import LastStates
 from fecloth.terms.step_difference import StepDifference
 
@@ -219,13 +219,14 @@ class BoundObstacle(BoundContact):
         return work
 
     def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
-        parts = [self._touches(contacts, old, new, h) for contacts in self.touching(new.x, new.t)]
-        if not parts:
+        """What its points push at the end of a step, collected in the nodes."""
+        kinds = [self._touching(contacts, old, new, h) for contacts in self.touching(new.x, new.t)]
+        if not kinds:
             return None
-        return Touches.join(parts)
+        return touches_at_nodes(kinds, old.v, self.restitution)
 
-    def _touches(self, contacts: Contacts, old: Any, new: Any, h: float) -> Touches:
-        """What points of one kind touch; see `find_touches`.
+    def _touching(self, contacts: Contacts, old: Any, new: Any, h: float) -> TouchingPoints:
+        """The points of one kind that touch; see `find_touches`.
 
         At the begin of the step, points opened along the normal at that place. Those outside of
         the gap opened along the normal at the end.
@@ -240,19 +241,21 @@ class BoundObstacle(BoundContact):
         was_outside = self.shape.distance(y, old.t) >= self.gap
         n_at_begin = np.where(was_outside[:, None], n, self.shape.gradient(y, old.t) @ pose.R.T)
         n_at_begin /= np.linalg.norm(n_at_begin, axis=1)[:, None]
-        v_at_begin = contacts.points.values(old.v, numbers) - self.shape.velocity(begins, old.t)
         growth = np.zeros(len(n))  # speed of the surface of a shape that deforms, its mean
         if self.shape.deforms:
             change = contacts.s * self.gap - self.shape.distance(contacts.y, old.t)
             growth = -change / (new.t - old.t) / length
-        places = contacts.points.values(new.x, numbers)
-        surface_velocity = self.shape.velocity(places, new.t)
-        return Touches(
-            rows=rows_of(contacts.points.weights(numbers, len(new.x)), n),
-            surface=np.einsum("pi,pi->p", n, surface_velocity) + growth,
-            before=np.einsum("pi,pi->p", n_at_begin, v_at_begin) - growth,
+        v_at_begin = self.shape.velocity(begins, old.t)
+        v = self.shape.velocity(contacts.points.values(new.x, numbers), new.t)
+        nodes, weights = contacts.points.weights(numbers)
+        return TouchingPoints(
+            nodes=nodes,
+            weights=weights,
+            n=n,
+            n_at_begin=n_at_begin,
+            surface=np.einsum("pi,pi->p", n, v) + growth,
+            surface_at_begin=np.einsum("pi,pi->p", n_at_begin, v_at_begin) + growth,
             pushed=h * self.normal_force(contacts) * length,
-            restitution=np.full(len(n), self.restitution),
         )
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sparse
 
 from fecloth.compiled.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
@@ -58,10 +57,9 @@ class NodePoints:
     def add_force(self, point_numbers: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
         f[point_numbers] += F
 
-    def weights(self, point_numbers: np.ndarray, n: int) -> sparse.csr_matrix:
-        """(p, n) the parts of the nodes in values at the points `point_numbers` (p,)."""
-        all_points = sparse.identity(n, format="csr")
-        return all_points[point_numbers]
+    def weights(self, point_numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The nodes (p, k) of the points `point_numbers` (p,), and their shape functions there."""
+        return point_numbers[:, None], np.ones((len(point_numbers), 1))
 
     def add_tangent(self, point_numbers: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
         J.values[J.pattern.diagonal[point_numbers]] += K
@@ -144,11 +142,8 @@ class TrianglePoints:
         N = self.shape_functions
         add_forces(point_numbers, self.triangles, N, self.stencil, F, f)
 
-    def weights(self, point_numbers: np.ndarray, n: int) -> sparse.csr_matrix:
-        nodes = self.stencil[self.triangles[point_numbers]]
-        begins = np.arange(0, nodes.size + 1, nodes.shape[1])
-        entries = (self.shape_functions[point_numbers].ravel(), nodes.ravel(), begins)
-        return sparse.csr_matrix(entries, shape=(len(nodes), n))
+    def weights(self, point_numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.stencil[self.triangles[point_numbers]], self.shape_functions[point_numbers]
 
     def add_tangent(self, point_numbers: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
         K = np.ascontiguousarray(K)

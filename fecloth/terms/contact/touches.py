@@ -26,6 +26,8 @@ class Touches:
         Impulses (m,) of the barrier over the step [N s].
     restitution
         Part e (m,) of its speed that an impact leaves.
+    shares
+        (p, m) the parts of the impulses that act at the p points for which friction needs them.
     """
 
     rows: sparse.csr_matrix
@@ -33,24 +35,94 @@ class Touches:
     before: np.ndarray
     pushed: np.ndarray
     restitution: np.ndarray
+    shares: sparse.csr_matrix
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
         """All places of several contacts."""
+        if len(parts) == 1:
+            return parts[0]
         return cls(
             rows=sparse.vstack([part.rows for part in parts], format="csr"),
             surface=np.concatenate([part.surface for part in parts]),
             before=np.concatenate([part.before for part in parts]),
             pushed=np.concatenate([part.pushed for part in parts]),
             restitution=np.concatenate([part.restitution for part in parts]),
+            shares=sparse.block_diag([part.shares for part in parts], format="csr"),
         )
 
 
-def rows_of(weights: sparse.csr_matrix, normals: np.ndarray) -> sparse.csr_matrix:
-    """Return the rows (m, 3n) of points with the shape functions (m, n) and normals (m, 3)."""
-    entries = weights.tocoo()
-    columns = 3 * entries.col[:, None] + np.arange(3)
-    values = entries.data[:, None] * normals[entries.row]
-    places = (np.repeat(entries.row, 3), columns.ravel())
-    shape = (weights.shape[0], 3 * weights.shape[1])
-    return sparse.csr_matrix((values.ravel(), places), shape=shape)
+@dataclass(frozen=True, eq=False)
+class TouchingPoints:
+    """The p points of one kind that touch an obstacle, in nodes and between them.
+
+    Attributes
+    ----------
+    nodes, weights
+        The nodes (p, k) of each point, and their parts in the values there.
+    n, n_at_begin
+        Normals (p, 3) at the end and at the begin of the step, of unit length.
+    surface, surface_at_begin
+        Speeds (p,) of what is touched along these normals [m/s].
+    pushed
+        Impulses (p,) of the barrier over the step [N s].
+    """
+
+    nodes: np.ndarray
+    weights: np.ndarray
+    n: np.ndarray
+    n_at_begin: np.ndarray
+    surface: np.ndarray
+    surface_at_begin: np.ndarray
+    pushed: np.ndarray
+
+
+def touches_at_nodes(
+    kinds: Sequence[TouchingPoints], v_at_begin: np.ndarray, restitution: float
+) -> Touches:
+    """Return the touches of the m nodes that the points of all `kinds` push together.
+
+    A point a with the weights w_ia pushes the node i with w_ia Λ₀_a n_a. So the barrier gives the
+    node the impulse P_i = Σ_a w_ia Λ₀_a n_a: its normal is P_i/|P_i|, its Λ₀ is |P_i|, and its
+    surface has the speed of the points, weighted alike. `v_at_begin` (n, 3) are the velocities of
+    the nodes at the begin [m/s].
+    """
+    all_nodes = np.concatenate([kind.nodes.ravel() for kind in kinds])
+    impulses = [kind.weights * kind.pushed[:, None] for kind in kinds]  # w_ia Λ₀_a
+
+    def collect(name: str) -> np.ndarray:
+        """Σ_a w_ia Λ₀_a times the values (p, …) of this name at the points, at all nodes."""
+        values = [
+            impulse[..., None] * getattr(kind, name).reshape(len(impulse), 1, -1)
+            for kind, impulse in zip(kinds, impulses, strict=True)
+        ]
+        flat = np.concatenate([value.reshape(-1, value.shape[-1]) for value in values])
+        n = len(v_at_begin)
+        return np.stack([np.bincount(all_nodes, each, n) for each in flat.T], axis=1)
+
+    P = collect("n")
+    size = np.linalg.norm(P, axis=1)
+    nodes = np.flatnonzero(size)
+    P_at_begin = collect("n_at_begin")[nodes]
+    along_begin = np.einsum("mi,mi->m", P_at_begin, v_at_begin[nodes])
+    along_begin -= collect("surface_at_begin")[nodes, 0]
+    m = len(nodes)
+    columns = 3 * nodes[:, None] + np.arange(3)
+    normals = P[nodes] / size[nodes, None]
+    rows = (normals.ravel(), columns.ravel(), np.arange(0, 3 * m + 1, 3))
+    place = np.cumsum(size > 0.0) - 1  # of each node, among those that are pushed
+    parts = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    counts = np.concatenate([np.full(*kind.nodes.shape) for kind in kinds])
+    shares = (
+        np.concatenate([impulse.ravel() for impulse in impulses]) * parts[all_nodes],
+        np.maximum(place, 0)[all_nodes],
+        np.concatenate([[0], np.cumsum(counts)]),
+    )
+    return Touches(
+        rows=sparse.csr_matrix(rows, shape=(m, v_at_begin.size)),
+        surface=collect("surface")[nodes, 0] / size[nodes],
+        before=along_begin / np.linalg.norm(P_at_begin, axis=1),
+        pushed=size[nodes],
+        restitution=np.full(m, restitution),
+        shares=sparse.csr_matrix(shares, shape=(len(counts), m)),
+    )

@@ -168,6 +168,7 @@ class BoundTriangleContact(BoundContact):
             before=normals @ self.slip(old.x, old.v, old.t).ravel(),
             pushed=h * pushes,
             restitution=np.full(len(pushes), self.restitution),
+            shares=sparse.identity(len(pushes), format="csr"),
         )
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:

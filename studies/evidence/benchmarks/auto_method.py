@@ -66,7 +66,7 @@ def compare(kind: str, triangles: int, repeats: int) -> dict:
     start = system.rest()
     best: dict[str, float] = {}
     errors: dict[str, float] = {}
-    candidates = fc.Auto().candidates(system, T_END)
+    candidates = fc.Auto().candidates(system)
     for method in candidates:  # compiles
         fc.run(system, method, start, t_end=T_END / 200)
     choices = []
