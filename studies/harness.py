@@ -220,6 +220,24 @@ def write_report(
     return FAILED if missing else 0 if all(finding.is_met for finding in findings) else MISSED
 
 
+def conclude(
+    options: argparse.Namespace,
+    docstring: str | None,
+    page: Path,
+    rows: Sequence[Row],
+    findings: Sequence[Finding],
+    tables: Mapping[str, Sequence[Row]] | None = None,
+) -> int:
+    """Write the report of a study whose docstring is its title and its conclusion.
+
+    `page` is the page beside the study, without suffix; the rest is as for `write_report`.
+    """
+    title, what = about(docstring)
+    return write_report(
+        options, title, rows, conclusion=what, findings=findings, tables=tables, page=page
+    )
+
+
 def _summarise(findings: Sequence[Finding]) -> list[object]:
     """Return a few findings as they are; of many the missed ones, and how many are met."""
     if len(findings) <= LISTED:

@@ -74,14 +74,14 @@ class Uncertainty:
         if not isinstance(table, Mapping):
             allowed = 'must be a table, as { shear_stiffness = "5 %" }'
             raise InputError(f"uncertainty = {brief(table)}", allowed, WHERE)
-        by_key = dict(_flat(table))
+        by_key = dict(flat(table))
         correlation = by_key.pop("correlation", ())
         source = by_key.pop("source", "")
         if not isinstance(source, str):
             raise InputError(f"source = {brief(source)}", "must be a text", WHERE)
         of_curves = {key: relative(key, by_key.pop(key, 0.0), WHERE) for key in OF_CURVES}
         deviations = tuple((key, _deviation(key, value)) for key, value in by_key.items())
-        rows = _correlations(correlation, dict(deviations))
+        rows = correlations(correlation, dict(deviations))
         return cls(deviations, correlation=rows, source=source, **of_curves)
 
     def table(self) -> dict[str, Any]:
@@ -124,20 +124,32 @@ class Uncertainty:
         """
         standard = self.standard(fabric)
         place = {name: i for i, name in enumerate(standard)}
-        rho = np.eye(len(place))
-        for *pair, value in self.correlation:
-            # Lists of numbers: a key of a pair (warp, weft) correlates both.
-            i, j = ([place[name] for name in _number_names(key, place)] for key in pair)
-            rho[np.ix_(i, j)] = rho[np.ix_(j, i)] = value
-        if len(rho) and (least := np.linalg.eigvalsh(rho)[0]) < -LARGEST_NEGATIVE_EIGENVALUE:
-            what = f"correlation: the least eigenvalue of its matrix is {least:.3g}"
-            remedy = "Correlations contradict each other: make them smaller."
-            raise InputError(what, "must be at least 0", WHERE, remedy)
         if keys is None:
             keys = standard
         rows = [place[name] for key in keys for name in _number_names(key, place)]
-        u = np.array(list(standard.values()))[rows]
-        return rho[np.ix_(rows, rows)] * np.outer(u, u)
+        return covariance_of(standard, self.correlation)[np.ix_(rows, rows)]
+
+
+def covariance_of(
+    deviations: Mapping[str, float], correlation: Iterable[tuple[str, str, float]]
+) -> np.ndarray:
+    """Return the covariance (k, k) of k numbers: ρ_ij u_i u_j, with 0 for pairs without a row.
+
+    A row of `correlation` is (key, key, ρ), where the key of a pair stands for both numbers.
+    Raises `InputError` for a key without a deviation, and for correlations that contradict each
+    other: then the matrix ρ has a negative eigenvalue.
+    """
+    place = {name: i for i, name in enumerate(deviations)}
+    rho = np.eye(len(place))
+    for *pair, value in correlation:
+        i, j = ([place[name] for name in _number_names(key, place)] for key in pair)
+        rho[np.ix_(i, j)] = rho[np.ix_(j, i)] = value
+    if len(rho) and (least := np.linalg.eigvalsh(rho)[0]) < -LARGEST_NEGATIVE_EIGENVALUE:
+        what = f"correlation: the least eigenvalue of its matrix is {least:.3g}"
+        remedy = "Correlations contradict each other: make them smaller."
+        raise InputError(what, "must be at least 0", WHERE, remedy)
+    u = np.array(list(deviations.values()))
+    return rho * np.outer(u, u)
 
 
 def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
@@ -152,31 +164,12 @@ def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
     return numbers
 
 
-def merged(own: Mapping[str, Any], replaced: Iterable[str], new: Any) -> Any:
-    """Return the table of uncertainties `own`, changed by the keys of the table `new`.
-
-    The uncertainties of the constants `replaced` (names) are left out, because they belong to
-    other numbers. So are correlations with constants that have no uncertainty any more.
-    """
-    if not isinstance(new, Mapping):
-        return new  # `Uncertainty.read` refuses it
-    new = dict(_flat(new))
-    gone = {*new, *(CONSTANTS.keys() & set(replaced))}
-    # A key goes if it, or the constant that it is a number of, is gone.
-    kept = {key: value for key, value in _flat(own) if not {key, _constant(key)} & gone}
-    rows = kept.pop("correlation", ())
-    rows = [row for row in rows if all({key, _constant(key)} & kept.keys() for key in row[:2])]
-    if rows:
-        kept["correlation"] = rows
-    return kept | new
-
-
-def _constant(key: str) -> str:
+def constant_of(key: str) -> str:
     """Return the name of a constant from its key or from the key of one number of a pair."""
     return key.partition(".")[0]
 
 
-def _flat(table: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
+def flat(table: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
     """Yield keys and values, with KEY.0 and KEY.1 for a pair of values."""
     for key, value in table.items():
         if key in PAIRS and isinstance(value, list | tuple):
@@ -242,7 +235,7 @@ def part_of(value: float, uncertainty: Any, name: str, where: str = "") -> Any:
     return float(part[1]) / 100 * abs(value)
 
 
-def _correlations(
+def correlations(
     correlation: Any, deviations: Mapping[str, Any]
 ) -> tuple[tuple[str, str, float], ...]:
     """Return the rows (key, key, number) of the entry `correlation` of a table.
@@ -259,7 +252,7 @@ def _correlations(
             allowed = "must be [key, another key, a number from -1 to 1]"
             raise InputError(f"correlation {brief(row)}", allowed, WHERE)
         for key in row[:2]:
-            if key not in deviations and _constant(str(key)) not in deviations:
+            if key not in deviations and constant_of(str(key)) not in deviations:
                 what = f"correlation of {key!r}, which has no uncertainty"
                 allowed = f"must be one of {', '.join(deviations)}"
                 raise InputError(what, allowed, WHERE, did_you_mean(key, deviations))

@@ -24,6 +24,7 @@ from fecloth.scene import tables, toml_text
 from fecloth.scene.build import build
 from fecloth.scene.cloth_tables import join_pieces
 from fecloth.scene.error_words import errors_at, scene_error
+from fecloth.scene.fitted import with_fitted_terms
 from fecloth.scene.placement import PinTable, Start
 from fecloth.scene.probe_tables import (
     Expectations,
@@ -367,7 +368,7 @@ def _check(scene_class: type[Scene], data: dict, source: str, text: str, folder:
     the numbers of lines; the `folder` is the one to which paths in the tables are relative.
     """
     with errors_at("", source):
-        data = join_pieces(data)
+        data = with_fitted_terms(join_pieces(data), folder)
     try:
         scene = scene_class.model_validate(data, context={"folder": folder})
     except ValidationError as error:

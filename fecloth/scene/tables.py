@@ -15,7 +15,8 @@ from fecloth import terms
 from fecloth.errors import InputError, brief, errors_of
 from fecloth.fabric import presets
 from fecloth.fabric.fabric import Fabric, constants_in
-from fecloth.fabric.uncertainty import CONSTANTS, OF_CURVES, PAIRS, Uncertainty, merged
+from fecloth.fabric.merging import merged
+from fecloth.fabric.uncertainty import CONSTANTS, OF_CURVES, PAIRS, Uncertainty
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.rotation import Rotation
 from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
@@ -153,7 +154,8 @@ class Shorthands(BaseModel, use_attribute_docstrings=True):
     preset: str | None = None
     """Name of a published fabric, which gives the constants that are left out."""
     file: str | None = None
-    """A TOML file beside the scene whose table [fabric] gives the constants that are left out."""
+    """A TOML file beside the scene whose [fabric] gives the constants that are left out, and whose
+    [[terms]] what terms of these types leave out."""
     kes: dict | None = None
     """What a KES-F instrument prints; see `fecloth/fabric/README.md`."""
     fast: dict | None = None

@@ -67,8 +67,10 @@ def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:
     constraints = system.constraints
     residual[constraints.nodes] = constraints.held_part(residual)
     directions = {name: np.eye(3) - pin.projector for name, (pin, _) in constraints.groups.items()}
-    held = [nodes for _, nodes in constraints.groups.values()]
-    meet = np.flatnonzero(np.bincount(np.concatenate(held)) > 1)
+    counts = np.zeros(len(residual), int)  # of pins, by node
+    for _, nodes in constraints.groups.values():
+        counts[nodes] += 1
+    meet = np.flatnonzero(counts > 1)
     if len(meet):
         total = np.zeros((len(meet), 3, 3))
         for name, (_, nodes) in constraints.groups.items():

@@ -34,10 +34,15 @@ _MODE = re.compile(r"frequency\s*\(\s*(\d+)\s*\)")
 STRESS = re.compile(
     r"stress\.(?P<part>xx|yy|xy)(?: of (?P<region>.+?))? at \((?P<X>[^,()]+), ?(?P<Y>[^,()]+)\)"
 )
+_NUMBER = r"[-+.\deE]+\s*(?!to\b|after\b)[^\s\d]*"  # with its unit
+_PLACE = r"(?P<place>[^\s=]+)\s*=\s*"
 _TEXT = re.compile(
     rf"(?:(?P<how>{'|'.join(HOW)})\s+)?(?P<name>{STRESS.pattern}|.+?)(?:\s+in\s+(?P<norm>\w+))?"
     r"(?:\s+at\s+(?:(?P<end>the end)|(?P<at>[-+.\deE]+)\s*(?P<unit>\w*)|"
-    r"(?P<place>[^\s=]+)\s*=\s*(?P<reached>[-+.\deE]+\s*\S*)))?"
+    rf"{_PLACE}(?P<reached>{_NUMBER})))?"
+    rf"(?:\s+gained from\s+{_PLACE.replace('place', 'gained')}"
+    rf"(?P<begin>{_NUMBER})\s+to\s+(?P<to>{_NUMBER}))?"
+    rf"(?:\s+after\s+(?P<slack>{_NUMBER}))?"
 )
 
 
@@ -48,7 +53,8 @@ class Quantity:
     The grammar of the text is one of::
 
         [max | min | path of | period of | frequency of] NAME [in L2 | in H1] [at TIME]
-        NAME at COLUMN = CHANGE
+        NAME at COLUMN = CHANGE [after SLACK]
+        NAME gained from COLUMN = CHANGE to CHANGE [after SLACK]
         frequency(k)
 
     Attributes
@@ -71,6 +77,10 @@ class Quantity:
         The user's function of the result of a run, which returns a number.
     place
         The column whose change tells when the value is taken, as "grip.x"; "" for a time.
+    begin
+        The change of `place` from which on a value is gained, up to `at`; None for a value.
+    slack
+        The change of `place` up to which a measured specimen was slack; the run has none.
     """
 
     text: str
@@ -81,6 +91,8 @@ class Quantity:
     mode: int = 0
     function: Callable[..., float] | None = None
     place: str = ""
+    begin: float | None = None
+    slack: float = 0.0
 
     def __str__(self) -> str:
         return self.text
@@ -168,7 +180,9 @@ def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
             raise InputError(f"quantity {text!r}", "the first mode is frequency(1)")
         return Quantity(words, how="mode", mode=int(mode[1]))
     match = _TEXT.fullmatch(words)
-    if match is None or (not match["part"] and {"at", "in"} & set(match["name"].split())):
+    if match is None or (
+        not match["part"] and {"at", "in", "gained", "after"} & set(match["name"].split())
+    ):
         raise _refusal(text, "is not in the grammar of quantities")
     how = "value"
     if match["how"]:
@@ -176,20 +190,28 @@ def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
     at = None
     if match["at"] is not None:
         at = _seconds(text, match["at"], match["unit"])
-    place = _column_of(match["place"] or "")
+    place = _column_of(match["place"] or match["gained"] or "")
+    if match["slack"] and not place:
+        raise _refusal(text, "'after' needs a place, as at grip.x = 10 mm")
     if place:
-        unit = Quantity(place, place).unit()
-        if is_quantity(match["reached"]):
-            at = units.quantity(f"quantity {text!r}", match["reached"], dimension_of(unit))
-        else:
-            at = _seconds(text, match["reached"], "", least=-math.inf)  # a bare number is in SI
+        at = _change(text, place, match["reached"] or match["to"])
     norm = _norm(text, match["name"], match["norm"])
-    quantity = Quantity(words, match["name"], how, at, norm, place=place)
+    begin = _change(text, place, match["begin"]) if match["begin"] else None
+    slack = _change(text, place, match["slack"]) if match["slack"] else 0.0
+    quantity = Quantity(words, match["name"], how, at, norm, place=place, begin=begin, slack=slack)
     if quantity.how != "value" and (at is not None or match["end"]):
         raise _refusal(text, f"'{match['how']}' is over the whole run: it takes no time")
     if quantity.is_field and (quantity.how != "value" or at is not None):
         raise _refusal(text, "a field is taken at the end only")
     return quantity
+
+
+def _change(text: str, place: str, change: str) -> float:
+    """Return a change of the column `place`, in SI; a bare number is in SI."""
+    if is_quantity(change):
+        dimension = dimension_of(Quantity(place, place).unit())
+        return units.quantity(f"quantity {text!r}", change, dimension)
+    return _seconds(text, change, "", least=-math.inf)
 
 
 def _seconds(text: str, number: str, unit: str, least: float = 0.0) -> float:

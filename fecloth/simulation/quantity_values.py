@@ -173,33 +173,63 @@ def relative_difference(quantity: Quantity, a: RunRecord, b: RunRecord) -> float
 
 
 def _at(quantity: Quantity, record: RunRecord, column: np.ndarray) -> np.ndarray:
-    """Return the values at the quantity's time, linear between steps."""
+    """Return the values at the quantity's time or place, linear between steps.
+
+    Of a quantity that is gained it is the difference of two places.
+    """
     if quantity.at is None:
         return column[-1]
-    first = record.times[0]
-    last = record.times[-1]
-    t = _time_of(quantity, record) if quantity.place else quantity.at
+    if not quantity.place:
+        return _at_time(quantity, quantity.at, record, column)
+    values = _at_place(quantity, quantity.at, record, column)
+    if quantity.begin is not None:
+        values = values - _at_place(quantity, quantity.begin, record, column)
+    return values
+
+
+def _at_time(quantity: Quantity, t: float, record: RunRecord, column: np.ndarray) -> np.ndarray:
+    """Return the values at a time; raise `InputError` if it lies outside of the run."""
+    first, last = record.times[0], record.times[-1]
     if not first <= t <= last:
         allowed = f"must lie in the run, {first:g} to {last:g} s"
         raise InputError(f"{quantity}: t = {t:g} s", allowed)
     return np.array([np.interp(t, record.times, values) for values in column.T])
 
 
-def _time_of(quantity: Quantity, record: RunRecord) -> float:
-    """Return the first time at which `quantity.place` has changed by `quantity.at`.
+def _at_place(
+    quantity: Quantity, place: float, record: RunRecord, column: np.ndarray
+) -> np.ndarray:
+    """Return the values where the column of `quantity.place` has changed by `place` − slack.
+
+    A specimen that is still slack has the values of the start. Reactions, which have none there,
+    go on straight from their first two.
+    """
+    assert quantity.at is not None
+    change = place - quantity.slack
+    is_taut = change * quantity.at > 0
+    t = _time_of(quantity, change, record) if is_taut else float(record.times[0])
+    known = np.flatnonzero(np.isfinite(column).all(axis=1))
+    if len(known) > 1 and t < record.times[known[0]]:
+        i, j = known[:2]
+        slope = (column[j] - column[i]) / (record.times[j] - record.times[i])
+        return np.asarray(column[i] + slope * (t - record.times[i]))
+    return _at_time(quantity, t, record, column)
+
+
+def _time_of(quantity: Quantity, place: float, record: RunRecord) -> float:
+    """Return the first time at which the column of `quantity.place` has changed by `place`.
 
     The column is linear between steps. Raises `InputError` if it never changes so much.
     """
-    assert quantity.at is not None
     change = record.columns[quantity.place] - record.columns[quantity.place][0]
-    beyond = (change - quantity.at) * np.sign(quantity.at)
-    reached = np.flatnonzero(beyond >= -ROUND_OFF * abs(quantity.at))
+    beyond = (change - place) * np.sign(place)
+    reached = np.flatnonzero(beyond >= -ROUND_OFF * abs(place))
     if not len(reached):
-        farthest = change[np.argmax(change * np.sign(quantity.at))]
+        farthest = change[np.argmax(change * np.sign(place))]
         allowed = f"is not reached: {quantity.place} changes by at most {farthest:.6g}"
         raise InputError(f"{quantity}", allowed, "", "Move it farther.")
     i = max(int(reached[0]), 1)
-    part = (quantity.at - change[i - 1]) / (change[i] - change[i - 1] or 1.0)
+    part = (place - change[i - 1]) / (change[i] - change[i - 1] or 1.0)
     return float(record.times[i - 1] + min(part, 1.0) * (record.times[i] - record.times[i - 1]))
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.priors import estimates
 from fecloth.fabric.uncertainty import CONSTANTS, numbers_of
 from fecloth.simulation.setup import Setup
 from fecloth.study.problem import StudyProblem
@@ -43,6 +44,25 @@ def numbers_read(problem: StudyProblem) -> list[str]:
         numbers = numbers_of(vars(fabric))
         names += [f"{prefix}.{key}" for key in numbers if key.partition(".")[0] in constants]
     return names
+
+
+def with_estimates(problem: StudyProblem) -> tuple[StudyProblem, dict[str, float]]:
+    """Return the problem with the constants that its terms estimate written out.
+
+    Beside it stand their standard uncertainties by name: the spread of published fabrics, see
+    `fecloth/fabric/priors.py`. No result changes by it.
+    """
+    fabrics = problem.source.fabrics
+    if not fabrics:
+        return problem, {}
+    values, deviations = {}, {}
+    noted = _constants_read(problem.first)
+    for (prefix, fabric), constants in zip(fabrics.items(), noted, strict=True):
+        for key, (value, deviation) in estimates(fabric).items():
+            if key in constants:
+                values[f"{prefix}.{key}"] = value
+                deviations[f"{prefix}.{key}"] = deviation
+    return (problem.at(values, "estimates") if values else problem), deviations
 
 
 def _constants_read(setup: Setup) -> list[set[str]]:

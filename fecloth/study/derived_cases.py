@@ -41,7 +41,9 @@ from fecloth.system.system import System
 # The relative error of derivatives: a larger one cannot be asked for, and if twin runs differ by
 # more, there is no derivative.
 LARGEST_ERROR = 1e-2
-STEP_ERROR = 2.0  # error of the derivative of a single step over the tolerance of all
+# Error of the derivative of a single step over the tolerance of all: numbers that count a hundredth
+# of others keep the tolerance, too, and a run takes as long as with 2.
+STEP_ERROR = 0.1
 # Newton's tolerance in a run with derivatives, over the tolerance of derivatives.
 NEWTON_TOLERANCE = 1e-2
 # Newton's tolerance in twin runs: what it leaves is 1e-6 of their smallest change, 1e-5.

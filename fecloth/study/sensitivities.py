@@ -28,6 +28,9 @@ PRICE = 0.5  # estimated time of a derivative over the time of the run
 # of a second pair, where the quantity may bend too much for the first.
 WIDE_CHANGE = 3e-4
 NARROW_CHANGE = 1e-5
+# A number that counts less than the others is changed by up to so many times as much in twin runs,
+# so that they tell of it, too.
+MOST_WEIGHT = 30.0
 # The sentences hold where twin runs that change a parameter by `OF_SENTENCE` differ from the
 # derivative by at most this part.
 SENTENCE_ERROR = 0.1
@@ -56,9 +59,9 @@ def sensitivity(
     equation. So a parameter costs a part of a run, and no rounding of two runs that differ
     little.
 
-    A pair of twin runs checks every answer. It changes all parameters by 0.03 % at once, each in
-    the direction that increases the first quantity. `checked` is its distance from the sum of
-    the derivatives. So it tells little of parameters that count much less than others. Above 1 %
+    A pair of twin runs checks every answer. It changes all parameters at once by 0.03 %, those
+    that count less than others by up to 0.9 %, each in the direction that increases the first
+    quantity. `checked` is its distance from the sum of the derivatives. Above 1 %
     a second pair follows, changed by 0.001 %. If it differs by more than 1 %, too, the answer is
     "no derivative here": folds that change, contacts that begin, and friction between stick and
     slip have none. A last pair is changed by 1 %, as the sentences say it: if it differs by more
@@ -293,7 +296,8 @@ def _check_by_twin_runs(
     The first item, (quantities,), is the distance between the change that the twin runs measured
     and the change that the derivatives predict, over the sum of the sizes of all derivatives.
     It is infinite if a twin run failed; then the remark, the second item, says why. Else the
-    remark is the one of the run with derivatives.
+    remark is the one of the run with derivatives. Numbers that count less than others change by
+    more, see `weights_of_twins`.
 
     Parameters
     ----------
@@ -305,7 +309,7 @@ def _check_by_twin_runs(
         The change of each parameter over its width.
     """
     # all parameters change in the direction that increases the first quantity
-    signs = np.where(slopes[0] < 0, -1.0, 1.0)
+    signs = np.where(slopes[0] < 0, -1.0, 1.0) * weights_of_twins(slopes, change)
     settings = {"sought": sought.settings(), **{key: row[key] for key in STEPS_OF_RUN}}
     twins = []
     for sign, changes in ("+", change * signs), ("-", -change * signs):
@@ -322,5 +326,19 @@ def _check_by_twin_runs(
     # smallest number is added so that nothing is divided by 0.
     least_size = LEAST_QUANTITY_CHANGE * np.abs(row["values"]) / WIDE_CHANGE
     least_size = least_size + np.finfo(float).tiny
-    size_of_all = np.maximum(np.abs(slopes).sum(axis=1), least_size)
+    size_of_all = np.maximum(np.abs(slopes) @ np.abs(signs), least_size)
     return np.abs(measured - predicted) / size_of_all, row["why"]
+
+
+def weights_of_twins(slopes: np.ndarray, change: float) -> np.ndarray:
+    """Return the change of each parameter in twin runs over `change`, (parameters,) ≥ 1.
+
+    A parameter whose largest part of a quantity's changes is below 1/k, of k parameters, changes
+    by more: so that it counts as an equal one does, but at most `MOST_WEIGHT` times as much, and
+    by no more than `OF_SENTENCE` of its width. `slopes` (quantities, parameters) are over widths.
+    """
+    sizes = np.abs(slopes)
+    sums = sizes.sum(axis=1, keepdims=True)
+    parts = np.max(np.divide(sizes, sums, out=np.zeros_like(sizes), where=sums > 0), axis=0)
+    most = max(min(MOST_WEIGHT, OF_SENTENCE / change), 1.0)
+    return np.clip(1 / np.maximum(len(parts) * parts, 1 / most), 1.0, most)

@@ -34,6 +34,7 @@ from fecloth.errors import InputError, amount
 # order is trusted and where it is not.
 SAFE = 1.25
 UNSAFE = 3.0
+COVERS = 2.0  # standard uncertainties cover 95 % of a normal distribution
 # The observed orders p that are trusted: 0.5 <= p <= P + 0.1 (Eça and Hoekstra: 0.5 to 2.1 for
 # P = 2).
 LEAST_ORDER = 0.5

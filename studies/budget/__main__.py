@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import fecloth as fc
-from fecloth.study.budgeting.budget import Work
+from fecloth.study.budgeting.work import Work
 from studies import harness
 from studies.budget.specimens import ROUGH, SMOOTH, Specimen
 
@@ -129,16 +129,9 @@ def main() -> int:
         harness.Finding(f"of {count} experiments, share that agrees", agreed, COVERED),
         harness.Finding(f"of {count} wrong laws, share that is called wrong", caught, COVERED),
     ]  # fmt: skip
-    title, what = harness.about(__doc__)
-    return harness.write_report(
-        options,
-        title,
-        trials,
-        conclusion=what,
-        findings=findings,
-        tables={"First order": smooth, "Rough": sharp},
-        page=Path(__file__).with_name("budget"),
-    )
+    tables = {"First order": smooth, "Rough": sharp}
+    page = Path(__file__).with_name("budget")
+    return harness.conclude(options, __doc__, page, trials, findings, tables)
 
 
 if __name__ == "__main__":

@@ -125,7 +125,7 @@ def nylon(said: Said) -> tuple[float, float]:
     """The extension of a strip at 30° to the grain at its largest force (Farrell et al., 2025).
 
     The first point of the curve has the force F₀: the strip is taut before it by F₀ over the mean
-    slope. Uncertain are forces by 2 % and the slack by 0.46 N (studies/validation/nylon).
+    slope. Uncertain are forces by 2 % and the slack by 0.46 N (studies/validation/nylon.py).
     """
     columns = read_columns(DATA / "farrell_2025_tension_30.csv")
     extension, force = columns["extension [mm]"], columns["force [N]"]

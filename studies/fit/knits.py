@@ -129,15 +129,8 @@ def main() -> int:
             len(whole),
         )
     ]
-    title, what = harness.about(__doc__)
-    return harness.write_report(
-        options,
-        title,
-        rows,
-        conclusion=what,
-        findings=findings,
-        tables={"Fits": rows},
-        page=Path(__file__).with_suffix(""),
+    return harness.conclude(
+        options, __doc__, Path(__file__).with_suffix(""), rows, findings, {"Fits": rows}
     )
 
 

@@ -2,7 +2,9 @@
 
 Strips of 1200 and 800 N/m along warp and weft are drawn to 5 %. The force per width is
 s Y λ (λ² − 1)/2, with a factor s of the strip (ln s: 0 ± 5 %) and noise of 2 % at 36 points. The
-interval should cover the stiffness of one more strip. "This strip" is by the noise of points.
+interval should cover the stiffness of one more strip. "This strip" is by the noise of points. Of
+three strips the two half widths have the ratio 1.32 in the mean of many such studies, ± 0.11 for
+60 trials: 2.57 √(4/3) times the pooled deviation of six, over 4.30 √(1/3) times the one of three.
 
     python -m studies.fit.strips [--quick] [--count 60]
 """
@@ -147,15 +149,10 @@ def main() -> int:
         of_case = [trial(number, **case) for number in range(trials)]
         lines[words] = summary(words, of_case)
         rows += [{"strips": words, **row} for row in of_case]
-    title, what = harness.about(__doc__)
-    return harness.write_report(
-        options,
-        title,
-        rows,
-        conclusion=what,
-        findings=[] if options.quick else find(lines, trials),
-        tables={"Trials": list(lines.values())},
-        page=Path(__file__).with_suffix(""),
+    findings = [] if options.quick else find(lines, trials)
+    tables = {"Trials": list(lines.values())}
+    return harness.conclude(
+        options, __doc__, Path(__file__).with_suffix(""), rows, findings, tables
     )
 
 

@@ -96,8 +96,7 @@ def main() -> int:
 
 def conclude(options: argparse.Namespace, rows: list[dict], constants: Sequence[str]) -> int:
     """Write the page and the report of some twins; return the exit status."""
-    title, what = harness.about(__doc__)
-    harness.require_results(options, title, rows)
+    harness.require_results(options, harness.about(__doc__)[0], rows)
     ended = [row for row in rows if row["status"] == "ok"]
     table = [summarise(name, ended) for name in constants]
     findings = [
@@ -115,15 +114,8 @@ def conclude(options: argparse.Namespace, rows: list[dict], constants: Sequence[
         harness.Finding("median CPU seconds of a fit", float(np.median(seconds))),
         harness.Finding("CPU minutes of all fits", math.fsum(seconds) / 60),
     ]
-    return harness.write_report(
-        options,
-        title,
-        rows,
-        conclusion=what,
-        findings=findings,
-        tables={"Constants": table},
-        page=Path(__file__).with_suffix(""),
-    )
+    page = Path(__file__).with_suffix("")
+    return harness.conclude(options, __doc__, page, rows, findings, {"Constants": table})
 
 
 if __name__ == "__main__":

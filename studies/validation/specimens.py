@@ -30,10 +30,9 @@ from scipy.special import stdtrit
 import fecloth as fc
 from studies import harness
 from studies.fit import knits
-from studies.validation.nylon import __main__ as nylon
+from studies.validation import nylon
 from studies.validation.pages import quietly
 
-ANGLES = 0, 30, 45, 75, 90
 YARNS = "acrylic", "cotton"
 PART = 0.25  # of the extension of a knit
 COLUMNS = {"force": "reaction.right.x", "half": "pin.y"}  # half of the width
@@ -45,16 +44,16 @@ Rows = list[dict[str, Any]]
 
 def nylon_rows(angles: Sequence[int], steps: int) -> Rows:
     """Each angle left out: the force at its end, of twelve strips."""
-    ends = {angle: float(nylon.Strip.read(angle).force.max()) for angle in ANGLES}
+    ends = {angle: float(nylon.Strip.read(angle).force.max()) for angle in nylon.ANGLES}
     rows = []
     for left_out in angles:
         tests = [
-            nylon.Strip.read(angle).experiment(steps, 0.0, nylon.SIGMA, fitted=angle != left_out)
-            for angle in ANGLES
+            nylon.Strip.read(angle).experiment(steps, fitted=angle != left_out)
+            for angle in nylon.ANGLES
         ]
         answer = quietly(fc.fit, tests, nylon.START, refined=False)
         (line,) = answer.predictions
-        others = [ends[angle] for angle in ANGLES if angle != left_out]
+        others = [ends[angle] for angle in nylon.ANGLES if angle != left_out]
         rows.append(row_of("nylon", f"{left_out}°", "angle", line, answer, others))
     return rows
 
@@ -219,7 +218,7 @@ def summaries(rows: Rows) -> Rows:
 
 def main() -> int:
     options = harness.parse_arguments(__doc__ or "")
-    angles, repeats, pairs, steps = ANGLES, range(1, 6), None, nylon.STEPS
+    angles, repeats, pairs, steps = nylon.ANGLES, range(1, 6), None, nylon.STEPS
     if options.quick:
         angles, repeats, pairs, steps = (45,), (1,), [("acrylic", "garter")], nylon.FEW
     rows = nylon_rows(angles, steps)
@@ -259,16 +258,9 @@ def write(options: Any, rows: Rows) -> int:
         for row in rows
     ]
     apart = [row for row in shown if row["left out"] != "repeat"]
-    title, what = harness.about(__doc__)
-    return harness.write_report(
-        options,
-        title,
-        rows,
-        conclusion=what,
-        findings=findings,
-        tables={"Summary": lines, "Angles, quantities and yarns": apart},
-        page=Path(__file__).with_suffix(""),
-    )
+    tables = {"Summary": lines, "Angles, quantities and yarns": apart}
+    page = Path(__file__).with_suffix("")
+    return harness.conclude(options, __doc__, page, rows, findings, tables)
 
 
 if __name__ == "__main__":

@@ -198,3 +198,23 @@ def test_an_observer_records_stretches_and_volume_where_asked():
     assert_allclose([row["least_stretch"], row["largest_stretch"]], [0.9, 1.5])
     assert_allclose(row["volume"], 0, atol=1e-15)
     assert "volume" not in Observer.bind(system, start).row(None, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("at grip.x = 10 mm", 5.0),
+        ("at grip.x = 10 mm after 1.25 mm", 4.0),  # at 8.75 mm
+        ("gained from grip.x = 0.005 to 10 mm", 3.0),
+        ("gained from grip.x = 5 mm to 10 mm after 1.25 mm", 2.5),
+        ("gained from grip.x = 0 mm to 10 mm", 5.0),  # a reaction has no value at the start
+        ("at grip.x = 1 mm after 2 mm", 0.0),  # still slack
+    ],
+)
+def test_a_quantity_at_a_place_of_a_grip_with_slack(text, value):
+    columns = {
+        "grip.x": 0.1 + np.linspace(0.0, 0.01, 5),
+        "reaction:grip.x": np.array([np.nan, 1.0, 2.0, 3.0, 5.0]),
+    }
+    run = RunRecord(np.linspace(0.0, 1.0, 5), columns)
+    assert value_of(parse_quantity(f"reaction.grip.x {text}"), run) == pytest.approx(value)

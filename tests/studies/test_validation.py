@@ -19,7 +19,7 @@ from studies.validation.comparison import (
     from_budget,
     table,
 )
-from studies.validation.knits.__main__ import joint_covariance, uncertainty_table
+from studies.validation.knits import joint_covariance, uncertainty_table
 
 NUMBERS = dict(zip(PARTS, (1.0, 2.0, 4.0, 6.0, 8.0, 12.0), strict=True))  # of squares 265
 

@@ -13,10 +13,12 @@ from fecloth.cli.main import main
 from fecloth.errors import InputError
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study import tuning
-from fecloth.study.budgeting import budget as budgets
-from fecloth.study.budgeting.budget import Work, probing_change, spread, tolerance_of_data
+from fecloth.study.budgeting import work as budgets
+from fecloth.study.budgeting.budget import tolerance_of_data
 from fecloth.study.budgeting.inputs import Inputs, read_inputs
 from fecloth.study.budgeting.result import _shown, make_budget
+from fecloth.study.budgeting.work import Work, probing_change, spread
+from fecloth.study.constants_read import with_estimates
 from fecloth.study.parameters import Parameter
 from fecloth.study.problem import StudyProblem
 from fecloth.study.runs import Run
@@ -101,6 +103,26 @@ def test_input_by_its_closed_form():
     assert answer.space < 1e-9
     assert math.isnan(answer.difference)
     assert not answer.agrees
+
+
+def test_a_slack_counts_by_the_slope_of_its_quantity(tmp_path):
+    """The force at 15 mm after 5 mm of slack has the slope of the one at 10 mm."""
+    pins = (
+        '[{ where = "left" }, { where = "right", name = "grip", motion = ["0.02 * t", "0", "0"] }]'
+    )
+    text = SCENE.replace('[{ where = "left" }]', pins).replace('"tip"', '"grip"')
+    text = text.replace("equilibrium = {}", "equilibrium = { load_steps = 20 }")
+    text = text.replace("[9.81, 0.0, 0.0]", "[0.0, 0.0, 0.0]").replace("tip.x", "grip.x")
+    place = "reaction.grip.x at grip.x = 15 mm after 5 mm"
+    known = {"slack": "0.1 mm", "fabric.tensile_stiffness": "2 %", "fabric.poisson_ratio": 0.01}
+    answer = fc.budget(scene_at(tmp_path, "", text), known, None, place)
+    value = 0.5 * force(2000.0, 0.01)
+    assert answer.value == pytest.approx(value, rel=1e-3)
+    by_slack = 0.25 * 2000.0 * (3 * 1.01**2 - 1) / 2 * 1e-4
+    assert answer.input == pytest.approx(math.hypot(0.02 * value, by_slack), rel=2e-2)
+    assert dict(zip(answer.parameters, answer.shares[0], strict=True))["slack"] == pytest.approx(
+        by_slack**2, rel=2e-2
+    )
 
 
 @pytest.mark.parametrize(("rho", "parts"), [(1, 0.0), (-1, 2.0)])
@@ -346,6 +368,27 @@ def test_presets_carry_uncertainties_which_entries_replace(tmp_path):
     assert "terms.1.acceleration.1" not in deviations
     assert deviations["fabric.shear_stiffness"] == pytest.approx(standard["shear_stiffness"])
     assert other.starts == 4
+
+
+def test_the_rigidity_along_the_bias_that_nobody_measured_has_the_published_spread(tmp_path):
+    """(√4 + √1)²/4 = 2.25 times 1e-4 N m, known to 52 %; no result changes by writing it out."""
+    text = SCENE.replace('"StVK" }', '"StVK" }, { type = "PlateBending" }')
+    path = scene_at(tmp_path, "bending_rigidity = [4e-4, 1e-4]\n", text)
+    bare = StudyProblem.of(path)
+    problem, estimated = with_estimates(bare)
+    assert estimated == {"fabric.bias_rigidity": pytest.approx(0.52 * 2.25e-4)}
+    plates = [each.source.fabrics["fabric"].plate() for each in (bare, problem)]
+    assert plates[0] == pytest.approx(plates[1], rel=1e-14)
+    inputs = read_inputs(problem, {"fabric.areal_density": "1 %"}, estimated)
+    assert inputs.names == ["fabric.areal_density", "fabric.bias_rigidity"]
+    assert inputs.moved(-np.sqrt(np.diag(inputs.covariance)))[1] == pytest.approx(
+        2.25e-4 * np.exp(-0.52)
+    )
+    for stated in (0.0, "unknown"):
+        inputs = read_inputs(problem, {"fabric.bias_rigidity": stated}, estimated)
+        assert not inputs.names
+        assert ("fabric.bias_rigidity" in inputs.unknown) == (stated == "unknown")
+    assert with_estimates(StudyProblem.of(scene_at(tmp_path)))[1] == {}  # no term reads it
 
 
 def test_an_uncertainty_of_zero_leaves_a_number_out(tmp_path):
@@ -629,7 +672,7 @@ bending_hysteresis = 0.02
 
 @pytest.mark.stories
 def test_both_ends_of_friction_are_told_and_do_not_count(tmp_path):
-    path = scene_at(tmp_path, base=HELD)
+    path = scene_at(tmp_path, "[uncertain]\nfabric.bias_rigidity = 0.0\n", HELD)
     answer = fc.budget(path)
     study = fc.study.of(path)
     laid, shaken = (

@@ -11,7 +11,7 @@ from fecloth.study import sensitivities
 from fecloth.study.derived_cases import LARGEST_ERROR
 from fecloth.study.parameters import Parameter
 from fecloth.study.runs import Runs
-from fecloth.study.sensitivities import describe_weak_terms
+from fecloth.study.sensitivities import describe_weak_terms, weights_of_twins
 
 SCENE = """
 [cloth]
@@ -310,6 +310,31 @@ def test_twin_runs_find_a_wrong_derivative(monkeypatch):
     monkeypatch.setattr(sensitivities, "run_all", wrong)
     answer = fc.sensitivity(strip, ["drawn"], "reaction.right.x", h=0.25)
     assert answer.checked == pytest.approx(0.02 / 1.02, rel=1e-3)
+
+
+def test_twin_runs_tell_of_a_number_that_counts_little(monkeypatch):
+    """q = 1 + Y + 0.02 B, with a derivative by B that is wrong by a half: 1 % of all changes."""
+
+    def rows(runs, how):
+        answer = {"status": "ok", "sizes": [], "method": "", "why": ""}
+        if "changes" not in runs[0].arguments:
+            return [answer | {"values": [1.0], "slopes": [[1.0, 0.03]]}]
+        changes = [np.array(run.arguments["changes"]) for run in runs]
+        assert np.abs(changes).max() <= 0.0101
+        return [answer | {"values": [1.0 + change @ [1.0, 0.02]]} for change in changes]
+
+    monkeypatch.setattr(sensitivities, "run_all", rows)
+    answer = fc.sensitivity(strip, ["stiffness", "drawn"], "area", h=0.25)
+    assert answer.checked == pytest.approx(0.01 * 17.1667 / (1 + 0.03 * 17.1667), rel=1e-4)
+    assert "no derivative here" in answer.verdict
+
+
+def test_weights_of_twin_runs():
+    """Parts of 1/2, 1/4, 1/4 and 0 of four numbers count as 1, 1, 1 and the most."""
+    slopes = np.array([[2.0, -1.0, 1.0, 0.0]])
+    assert weights_of_twins(slopes, 3e-4).tolist() == [1.0, 1.0, 1.0, 30.0]
+    assert weights_of_twins(slopes, 1e-2).tolist() == [1.0, 1.0, 1.0, 1.0]
+    assert weights_of_twins(np.array([[1.0, 0.0], [1.0, 0.1]]), 1e-3) == pytest.approx([1.0, 5.5])
 
 
 def test_an_answer_is_read_from_the_store(scene, tmp_path, capsys):

@@ -3,15 +3,23 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from fecloth.errors import InputError, brief, is_number
 from fecloth.fabric.fabric import Fabric
-from fecloth.fabric.uncertainty import OF_CURVES, Uncertainty, merged, part_of
-from fecloth.quantities.units import is_quantity
+from fecloth.fabric.merging import merged
+from fecloth.fabric.uncertainty import (
+    OF_CURVES,
+    UNKNOWN,
+    Uncertainty,
+    correlations,
+    covariance_of,
+    part_of,
+)
+from fecloth.quantities.units import LENGTH, is_quantity, quantity
 from fecloth.scene.toml_text import flatten_tables
 from fecloth.study.constants_read import numbers_read
 from fecloth.study.parameters import Parameter, choose_parameters
@@ -34,6 +42,8 @@ class Inputs:
         (k, k) covariance of their values.
     starts
         Number of disturbed starts.
+    slack
+        Standard uncertainty of the slack of a specimen, of quantities at a place of a grip.
     unknown
         Names of the constants of fabrics that the terms read, but whose uncertainty is not known.
     exact
@@ -45,6 +55,7 @@ class Inputs:
     parameters: tuple[Parameter, ...]
     covariance: np.ndarray
     starts: int = 0
+    slack: float = 0.0
     unknown: tuple[str, ...] = ()
     exact: tuple[str, ...] = ()
     specimen: float = 0.0
@@ -54,6 +65,13 @@ class Inputs:
     def names(self) -> list[str]:
         """The names of the numbers."""
         return [parameter.name for parameter in self.parameters]
+
+    def moved(self, change: np.ndarray) -> np.ndarray:
+        """(k,) the values after a change (k,); of positive constants by its exponential."""
+        values = np.array([p.value for p in self.parameters])
+        is_positive = np.array([_is_positive(p) for p in self.parameters])
+        scale = np.where(is_positive, values, 1.0)
+        return np.where(is_positive, values * np.exp(change / scale), values + change)
 
     def samples(self, count: int, seed: int) -> list[dict[str, float]]:
         """Return `count` samples: each has the values of all numbers, by their names.
@@ -89,14 +107,20 @@ def _is_positive(parameter: Parameter) -> bool:
     return is_of_fabric and parameter.value > 0 and not set(SIGNED) & set(keys)
 
 
-def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
+def read_inputs(
+    problem: StudyProblem,
+    uncertain: Mapping[str, Any],
+    estimated: Mapping[str, float] = MappingProxyType({}),
+) -> Inputs:
     """Return the uncertain numbers of a problem, with their covariance and the disturbed starts.
 
     They stand in [fabric.uncertainty] of each fabric, and in `uncertain`: its keys are names of
-    numbers and "start", its values standard uncertainties and the number of starts. An entry of
+    numbers, "start", "slack" and "correlation", its values standard uncertainties or "unknown", the
+    number of starts, and a list of [name, name, number from -1 to 1]. An entry of
     `uncertain` replaces the same entry of [fabric.uncertainty]. A key that stands for several
     numbers, such as a pair, gives the uncertainty to each of them that is not 0. Numbers with
-    the uncertainty 0 are left out.
+    the uncertainty 0 are left out. `estimated` has the uncertainty of numbers that nobody gave,
+    see `with_estimates`, where no table has it.
 
     Raises
     ------
@@ -109,50 +133,61 @@ def read_inputs(problem: StudyProblem, uncertain: Mapping[str, Any]) -> Inputs:
     if not (type(starts) is int and 0 <= starts <= MOST_STARTS and starts != 1):
         allowed = f"must be a number of disturbed starts from 2 to {MOST_STARTS}, or 0"
         raise InputError(f"start = {brief(starts)}", allowed, WHERE)
+    slack = uncertainties.pop("slack", 0.0)
+    if isinstance(slack, str):
+        slack = quantity("slack", slack, LENGTH)
+    if not (is_number(slack) and slack >= 0):
+        raise InputError(f"slack = {brief(slack)}", 'must be a length >= 0, as "0.1 mm"', WHERE)
+    given = uncertainties.pop("correlation", ())
+    correlation = list[tuple[str, str, float]]()
     numbers = dict(problem.source.numbers())  # values by name
-    names = list[str]()
-    covariances = [np.zeros((0, 0))]  # numbers of different blocks are independent
-    known = set[str]()
+    standard = dict[str, float]()  # standard uncertainties by name
+    unknown = list[str]()
     of_curves = dict.fromkeys(OF_CURVES, 0.0)
     for prefix, fabric in problem.source.fabrics.items():
         keys = [key for key in uncertainties if key.startswith(f"{prefix}.")]
         replaced = {key.removeprefix(f"{prefix}."): uncertainties.pop(key) for key in keys}
         try:
-            uncertainty_of_fabric = _read_fabric(fabric, replaced)
-            standard = uncertainty_of_fabric.standard(fabric)
-            constants = [key for key, u in standard.items() if u]
-            covariance = uncertainty_of_fabric.covariance(fabric, constants)
+            own = _read_fabric(fabric, replaced)
+            of_fabric = own.standard(fabric)
+            covariance_of(of_fabric, own.correlation)  # refuses what is contradictory
         except InputError as error:
             what = f"{prefix}.{error.what}"
             raise InputError(what, error.allowed, WHERE, error.remedy) from None
-        names += [f"{prefix}.{key}" for key in constants]
-        covariances.append(covariance)
-        known |= {f"{prefix}.{key}" for key in standard}
+        standard |= {f"{prefix}.{key}": u for key, u in of_fabric.items()}
+        stated = {f"{prefix}.{key}" for key, _ in own.deviations}
+        standard |= {
+            key: estimated[key] for key in estimated.keys() - stated if key.startswith(f"{prefix}.")
+        }
+        correlation += [(f"{prefix}.{a}", f"{prefix}.{b}", rho) for a, b, rho in own.correlation]
         for key in OF_CURVES:
-            of_curves[key] = max(of_curves[key], getattr(uncertainty_of_fabric, key))
+            of_curves[key] = max(of_curves[key], getattr(own, key))
     for key, uncertainty in uncertainties.items():
         items = [name for name in numbers if name.startswith(f"{key}.") and numbers[name]]
-        known |= {key, *items}
         for name in items or [key]:
-            if name not in numbers:
-                names.append(name)  # `choose_parameters` refuses it below
-                covariances.append(np.ones((1, 1)))
-            elif u := _read_deviation(problem, name, uncertainty, numbers[name]):
-                names.append(name)
-                covariances.append(np.array([[u * u]]))
-    V = block_diag(*covariances)
+            if uncertainty == UNKNOWN and name in numbers:
+                unknown.append(name)
+            elif name in numbers:
+                standard[name] = _read_deviation(problem, name, uncertainty, numbers[name])
+            else:
+                standard[name] = 1.0  # `choose_parameters` refuses it below
+    V = covariance_of(standard, [*correlation, *correlations(given, standard)])
+    known = set(standard)
+    kept = [i for i, u in enumerate(standard.values()) if u]
+    names = [list(standard)[i] for i in kept]
+    V = V[np.ix_(kept, kept)]
     deviations = dict(zip(names, np.sqrt(np.diag(V)).tolist(), strict=True))
     # a number that is 0 has no size: its deviation says by how much it is changed
     scales = {name: u for name, u in deviations.items() if not numbers.get(name, 1.0)}
     parameters = choose_parameters(problem, names, scales) if names else ()
-    unknown = tuple(name for name in numbers_read(problem) if name not in known)
+    unknown += [name for name in numbers_read(problem) if name not in known]
     of_fabrics = tuple(f"{prefix}." for prefix in problem.source.fabrics)
     exact = tuple(
         name
         for name, value in numbers.items()
-        if value and name not in known and not name.startswith(of_fabrics)
+        if value and name not in {*known, *unknown} and not name.startswith(of_fabrics)
     )
-    return Inputs(parameters, V, starts, unknown, exact, **of_curves)
+    return Inputs(parameters, V, starts, slack, tuple(unknown), exact, **of_curves)
 
 
 def _read_fabric(fabric: Fabric, replaced: Mapping[str, Any]) -> Uncertainty:

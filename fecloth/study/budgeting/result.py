@@ -13,10 +13,8 @@ from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.problem import StudyProblem
 from fecloth.study.result import Cell, StudyResult, Table
 from fecloth.study.status import FAILED
+from fecloth.study.uncertainty import COVERS
 
-# Two values agree within this multiple of the standard uncertainty of their difference: 95 % of
-# a normal distribution.
-COVERS = 2.0
 # A part of the uncertainty that is at most this part of the total is not named, and not drawn.
 NEGLIGIBLE_PART = 0.01
 WORDS = {"space": "mesh", "time": "time step", "solver": "solver", "input": "fabric"}

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.errors import InputError, brief
+from fecloth.fabric.uncertainty import part_of
 from fecloth.quantities import units
 from fecloth.quantities.columns import DIMENSIONS, DataTable, read_table
 from fecloth.simulation.quantity import Quantity
@@ -105,14 +106,14 @@ def _read_repeats(experiment: Experiment, table: DataTable) -> np.ndarray:
 
     Raise `InputError` if sigma = "repeats" but there are less than 2 repeats.
     """
+    has_repeats = "repeat" in table
+    numbers = table.numbers("repeat", None) if has_repeats else np.zeros(len(table.lines))
     is_needed = "repeats" in {experiment.sigma_of(column) for column in experiment.columns}
-    if is_needed or "repeat" in table:
-        numbers = table.numbers("repeat", None)
-        if is_needed and len(np.unique(numbers)) < 2:
-            allowed = "needs at least 2 repeats in the column repeat"
-            raise InputError('sigma = "repeats"', allowed, table.where)
-        return numbers
-    return np.zeros(len(table.lines))
+    if is_needed and len(np.unique(numbers)) < 2:
+        allowed = "needs at least 2 repeats in the column repeat"
+        remedy = 'Of one specimen write sigma = "2 %", say.'
+        raise InputError('sigma = "repeats"', allowed, table.where, remedy)
+    return numbers
 
 
 def _read_places(
@@ -189,14 +190,12 @@ def _read_sigma(
     largest = np.abs(values).max()
     if stated is None:
         return ASSUMED_SIGMA * largest * ones
-    if not isinstance(stated, str):
-        return float(stated) * ones
-    if stated in table:
+    if isinstance(stated, str) and stated in table:
         return table.numbers(stated, unit)
-    text = stated.strip()
+    text = part_of(largest, stated, "sigma", table.where)
+    if not isinstance(text, str):
+        return float(text) * ones
     try:
-        if text.endswith("%"):
-            return float(text[:-1]) / 100 * largest * ones
         if unit:
             dimension = DIMENSIONS[unit.replace("²", "^2").replace("³", "^3")]
             return units.quantity("sigma", text, dimension) * ones

@@ -78,4 +78,7 @@ def describe_units(unknowns: Sequence[Unknown], u: np.ndarray, told: np.ndarray)
     change = float(np.exp(np.median(changes)))
     for scale, words in SCALES.items():
         if abs(np.log(change / scale)) < np.log(NEAR_SCALE):
-            yield f"constants are {change:.3g} times their starts: is a unit wrong ({words})?"
+            yield (
+                f"constants are {change:.3g} times their starts: were these far off, or is a unit "
+                f"wrong ({words})?"
+            )

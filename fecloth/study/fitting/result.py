@@ -1,32 +1,33 @@
 """The result of a fit: constants with intervals, tables, figure, and the fitted fabric."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fecloth import errors
-from fecloth.fabric.uncertainty import UNKNOWN, merged
 from fecloth.scene.toml_text import to_toml
-from fecloth.study.constants_read import numbers_read
 from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.fitting import mistakes, words
-from fecloth.study.fitting.discrepancy import Discrepancy, find_discrepancy, read_curve
+from fecloth.study.fitting.discrepancy import find_discrepancy
 from fecloth.study.fitting.evaluation import Evaluation, Fitting
-from fecloth.study.fitting.measured import ASSUMED_SIGMA
-from fecloth.study.fitting.specimens import fabric_with
+from fecloth.study.fitting.fitted import fitted_tables
 from fecloth.study.fitting.statistics import LARGEST_UNCERTAINTY, statistics
-from fecloth.study.result import Cell, StudyResult, Table, in_percent, write_csv
+from fecloth.study.fitting.tables import (
+    Interval,
+    rows_of_experiments,
+    table_of_constants,
+    table_of_points,
+    table_of_predictions,
+)
+from fecloth.study.result import StudyResult, Table, write_csv
 
-Interval = tuple[float, float]
 EMPTY = Table(())
 NO_INTERVAL = (float("nan"), float("nan"))
 PANELS_IN_ROW = 3  # of the figure
-COVERS = 2.0  # times a standard uncertainty is an interval, as `budget` reads it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,8 +82,8 @@ class Fit(StudyResult):
         A table with a row for each measured column.
     points
         A table with a row for each measured point.
-    fabric
-        The fitted table [fabric].
+    fitted
+        The tables of fitted.toml, see `fecloth/study/fitting/fitted.py`.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -100,15 +101,17 @@ class Fit(StudyResult):
     offsets: Mapping[str, float] = field(default_factory=dict)
     experiments: Table = EMPTY
     points: Table = EMPTY
-    fabric: Mapping[str, Any] = field(default_factory=dict)
+    fitted: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def fabric(self) -> Mapping[str, Any]:
+        """The fitted table [fabric]; empty if no constant of one was fitted."""
+        return self.fitted.get("fabric", {})
 
     @property
     def resolved(self) -> bool:
         """Whether mesh and step shift each constant by less than half of its interval."""
-        return not any(
-            abs(shift) > words.half_of(self.intervals_of_data[name])
-            for name, shift in self.numerical.items()
-        )
+        return not words.unresolved(self.numerical, self.intervals_of_data)
 
     @property
     def exit_status(self) -> int:
@@ -155,11 +158,7 @@ class Fit(StudyResult):
     def scene_file(self) -> tuple[str, str]:
         """Name and text of the file of the fitted fabric and the constants of terms."""
         comments = [f"# {line}" for line in self.words()]
-        others = {
-            name: value for name, value in self.values.items() if not name.startswith("fabric.")
-        }
-        tables: dict[str, Any] = {"parameters": others, "fabric": dict(self.fabric)}
-        return "fitted.toml", "\n".join([*comments, "", to_toml(tables)])
+        return "fitted.toml", "\n".join([*comments, "", to_toml(dict(self.fitted))])
 
 
 def _draw(above: Any, below: Any, row: Mapping, points: Sequence[Mapping]) -> None:
@@ -224,8 +223,8 @@ def summarise(
     count = len(fitting.constants)
     # of the constants p, by the slopes dp/du; the offsets come last in u
     covariance = V[:count, :count] * np.outer(slopes, slopes)
-    rows: list[Any] = _rows_of_experiments(end)
-    predictions = _table_of_predictions(end, scale)
+    rows: list[Any] = rows_of_experiments(end)
+    predictions = table_of_predictions(end, scale)
     verdict = [
         words.describe_fit(fitting, end, facts),
         *words.describe_values(values, intervals, of_data),
@@ -233,6 +232,7 @@ def summarise(
         *mistakes.describe_points(end),
         *mistakes.describe_units(fitting.unknowns, end.u, facts.told),
         *words.describe_specimens(scale),
+        *words.describe_slack(end),
         *words.describe_untold(fitting, facts),
         *words.describe_resolution(numerical, of_data),
         *words.describe_law(fitting, end, facts),
@@ -241,7 +241,7 @@ def summarise(
     return Fit(
         title=title,
         verdict="\n".join(verdict),
-        table=_table_of_constants(fitting, values, intervals, of_data, numerical),
+        table=table_of_constants(fitting, values, intervals, of_data, numerical),
         values=values,
         intervals=intervals,
         intervals_of_data=of_data,
@@ -254,11 +254,13 @@ def summarise(
         law=scale.law if scale else np.nan,
         specimens_and_law=scale.both if scale else np.nan,
         predictions=predictions,
-        offsets={row["experiment"]: row["offset"] for row in rows if row["offset"] is not None},
+        offsets=words.slacks(end),
         experiments=Table(tuple(rows)),
-        points=_table_of_points(end),
-        fabric=_fitted_fabric(fitting, values, intervals, covariance, scale),
-        remarks=(*remarks, *_describe_held(fitting), *_describe_assumed(end)),
+        points=table_of_points(end),
+        fitted=fitted_tables(
+            fitting, values, intervals, covariance, scale, words.slack_of_next(end)[1]
+        ),
+        remarks=(*remarks, *words.describe_held(fitting), *words.describe_assumed(end)),
     )
 
 
@@ -277,190 +279,3 @@ def _intervals(
             u = float(end.u[i])
             intervals[constant.name] = constant.spread(u, float(half_intervals[i]))
     return intervals
-
-
-def _table_of_predictions(end: Evaluation, scale: Discrepancy | None) -> Table:
-    """Return the table `Fit.predictions`, for the columns that were not fitted and ran."""
-    rows: list[dict[str, Cell]] = []
-    for column in end.columns:
-        curve = None if column.is_fitted else read_curve(column)
-        if curve is None or scale is None:
-            continue
-        assert column.computed
-        start = column.computed.start
-        places = column.points.along
-        last = len(column.residual) - 1 if places is None else int(np.argmax(np.abs(places)))
-        change = float(column.computed.changes[last])
-        half = scale.quantile * float(np.sqrt(scale.variance(curve)))
-        ends = sorted(start + change * math.exp(end_of) for end_of in (-half, half))
-        rows.append(
-            {
-                "experiment": column.label,
-                "column": column.points.column,
-                "unit": column.points.unit,
-                "start": start,
-                "predicted": start + change,
-                "from": ends[0],
-                "to": ends[1],
-                "measured": start + change * math.exp(curve.amplitude),
-            }
-        )
-    return Table(tuple(rows))
-
-
-def _describe_held(fitting: Fitting) -> Iterator[str]:
-    """Yield a sentence with the constants of the fabrics that were not sought, and their values.
-
-    There is none if all were sought. A constant that differs between the specimens has several
-    values; constants that are 0 are left out.
-    """
-    held_values: dict[str, dict[str, None]] = {}  # by constant: texts, each once, in their order
-    for specimen in fitting.specimens:
-        for name, value in specimen.problem.source.numbers():
-            # the unknown may be a pair, whose numbers end with .0 and .1
-            is_sought = name in specimen.names or name.rpartition(".")[0] in specimen.names
-            if name.startswith("fabric.") and value and not is_sought:
-                texts = held_values.setdefault(name.removeprefix("fabric."), {})
-                texts[f"{value:.4g}"] = None
-    if held_values:
-        items = [f"{name} = {' and '.join(texts)}" for name, texts in held_values.items()]
-        yield f"taken as given, and not measured: {', '.join(items)}"
-
-
-def _describe_assumed(end: Evaluation) -> Iterator[str]:
-    """For which experiments nobody states an uncertainty."""
-    if names := {column.label for column in end.fitted if column.points.is_assumed}:
-        share = in_percent(ASSUMED_SIGMA)
-        listed = ", ".join(sorted(names))
-        yield f"{listed}: no sigma is given, so {share} of the largest value is assumed"
-
-
-def _table_of_constants(
-    fitting: Fitting,
-    values: Mapping[str, float],
-    intervals: Mapping[str, Interval],
-    of_data: Mapping[str, Interval],
-    numerical: Mapping[str, float],
-) -> Table:
-    """Return the table of the constants: value, intervals, shift and start, in SI.
-
-    The arguments are by the names of the constants, as in `Fit`.
-    """
-    rows: list[dict[str, Cell]] = [
-        {
-            "constant": constant.name,
-            "unit": words.unit_of(constant.name),
-            "value": values[constant.name],
-            "from": intervals[constant.name][0],
-            "to": intervals[constant.name][1],
-            "from, these specimens": of_data[constant.name][0],
-            "to, these specimens": of_data[constant.name][1],
-            "shift by mesh and step": numerical[constant.name],
-            "start": constant.start,
-        }
-        for constant in fitting.constants
-    ]
-    return Table(tuple(rows))
-
-
-def _rows_of_experiments(end: Evaluation) -> list[dict[str, Cell]]:
-    """Return a row for each measured column: its points, and how far the fit is off there.
-
-    "rms / sigma" is in units of the uncertainty of each point. "rms %" and "largest %" are in
-    per cent of the largest measured value. They are NaN if the run failed.
-    """
-    rows: list[dict[str, Cell]] = []
-    for column in end.columns:
-        experiment = column.specimen.experiment
-        points = column.points
-        r = column.residual  # in units of sigma
-        difference = r * points.sigma  # computed − measured
-        along = experiment.order[0] if experiment.order else "number"
-        if points.along_unit:
-            along = f"{along} [{points.along_unit}]"
-        shift = column.computed.shift if column.computed else np.nan
-        rows.append(
-            {
-                "experiment": column.label,
-                "column": points.column,
-                "unit": points.unit,
-                "along": along,
-                "points": len(points.values),
-                "sigma": float(np.median(points.sigma)),
-                "rms / sigma": float(np.sqrt(np.mean(r**2))),
-                "rms %": 100 * float(np.sqrt(np.mean(difference**2))) / points.largest,
-                "largest %": 100 * float(np.abs(difference).max()) / points.largest,
-                "offset": shift if experiment.offset else None,
-                "fitted": "yes" if experiment.fitted else "no",
-            }
-        )
-    return rows
-
-
-def _table_of_points(end: Evaluation) -> Table:
-    """Return a row for each measured point, in SI units.
-
-    "along" is its place along the curve, or its number if there is no curve. "residual" is
-    computed − measured value in units of sigma; it and "computed" are NaN if the run failed.
-    """
-    rows: list[dict[str, Cell]] = []
-    for fitted in end.columns:
-        points = fitted.points
-        residuals = fitted.residual
-        places = np.arange(len(residuals)) if points.along is None else points.along
-        computed = points.values + residuals * points.sigma
-        for i, residual in enumerate(residuals):
-            row: dict[str, Cell] = {
-                "experiment": fitted.label,
-                "column": points.column,
-                "along": float(places[i]),
-                "measured": float(points.values[i]),
-                "sigma": float(points.sigma[i]),
-                "computed": float(computed[i]),
-                "residual": float(residual),
-            }
-            rows.append(row)
-    return Table(tuple(rows))
-
-
-def _fitted_fabric(
-    fitting: Fitting,
-    values: Mapping[str, float],
-    intervals: Mapping[str, Interval],
-    covariance: np.ndarray,
-    scale: Discrepancy | None,
-) -> dict[str, Any]:
-    """Return the table [fabric] with the fitted constants, from the first scene of the fit.
-
-    Its [fabric.uncertainty] has the standard uncertainties of the constants with an interval,
-    their correlations, and the ones of specimens and of the law. They are so large that twice of
-    each covers 95 %. The other constants that the specimens depend on are "unknown", unless the
-    fabric of the fit states their uncertainty. The table is empty if no problem is a scene, or if
-    no constant of a fabric was fitted. `covariance` (k, k) is the one of `values`, in their order.
-    """
-    tables = (specimen.problem.tables.get("fabric") for specimen in fitting.specimens)
-    table = next(filter(None, tables), None)
-    constants = {name: value for name, value in values.items() if name.startswith("fabric.")}
-    if not (table and constants):
-        return {}
-    fabric = fabric_with(table, constants)
-    keys = [name.removeprefix("fabric.") for name in values]
-    read = [name for specimen in fitting.specimens for name in numbers_read(specimen.problem)]
-    uncertainty: dict[str, Any] = {
-        name.removeprefix("fabric."): UNKNOWN for name in [*read, *constants]
-    }
-    uncertainty = merged(uncertainty, (), fabric.get("uncertainty", {}))
-    with_interval = [
-        i for i, name in enumerate(values) if name in constants and np.isfinite(intervals[name][0])
-    ]
-    if scale and with_interval:
-        widened = scale.quantile / COVERS
-        deviations = np.sqrt(np.diag(covariance))
-        uncertainty |= {keys[i]: float(widened * deviations[i]) for i in with_interval}
-        uncertainty["correlation"] = [
-            [keys[i], keys[j], float(covariance[i, j] / (deviations[i] * deviations[j]))]
-            for i, j in combinations(with_interval, 2)
-        ]
-        of_curves = {"specimen": scale.specimens, "law": scale.law}
-        uncertainty |= {key: float(widened * u) for key, u in of_curves.items() if u > 0}
-    return fabric | {"uncertainty": uncertainty}

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from fecloth.errors import amount
 from fecloth.fabric.uncertainty import CONSTANTS
@@ -11,8 +12,9 @@ from fecloth.quantities.digits import with_uncertainty
 from fecloth.study.fitting.discrepancy import Discrepancy
 from fecloth.study.fitting.evaluation import Column, Evaluation, Fitting
 from fecloth.study.fitting.measured import ASSUMED_SIGMA
-from fecloth.study.fitting.statistics import Statistics
+from fecloth.study.fitting.statistics import COVERAGE, Statistics
 from fecloth.study.result import Table, in_percent
+from fecloth.study.uncertainty import COVERS
 
 PARTS_OF_CURVE = 3  # begin, middle and end, for where the law fails
 WORST_PARTS = 4  # parts of curves that are named, where the law fails
@@ -87,6 +89,44 @@ def describe_specimens(scale: Discrepancy | None) -> Iterator[str]:
         yield f"specimens and law together are off by {in_percent(scale.both)} (curves left out)"
 
 
+def slacks(end: Evaluation) -> dict[str, float]:
+    """Return the fitted slack of each experiment by its name, in SI."""
+    return {
+        column.label: column.computed.shift
+        for column in end.fitted
+        if column.specimen.experiment.offset and column.computed
+    }
+
+
+def slack_of_next(end: Evaluation) -> tuple[float, float]:
+    """Return the mean slack, and the standard uncertainty of the next; NaN if it is not known.
+
+    It is sd √(1 + 1/n) of n slacks, widened so that twice of it covers 95 % by Student's t.
+    """
+    known = list(slacks(end).values())
+    if len(known) < 2:
+        return float(np.mean(known)) if known else np.nan, np.nan
+    n = len(known)
+    widened = float(stdtrit(n - 1, 0.5 + COVERAGE / 2)) / COVERS
+    return float(np.mean(known)), widened * float(np.std(known, ddof=1)) * np.sqrt(1 + 1 / n)
+
+
+def describe_slack(end: Evaluation) -> Iterator[str]:
+    """Yield a sentence with the slack of each experiment, and how to take it to a prediction."""
+    known = slacks(end)
+    if not known:
+        return
+    listed = ", ".join(f"{label} {shift:.3g}" for label, shift in known.items())
+    unit = next((c.points.along_unit for c in end.fitted if c.label in known), "")
+    mean, u = slack_of_next(end)
+    text = f"slack: {listed} {unit}".rstrip()
+    if unit == "m":
+        text += f'. Write "after {1e3 * mean:.3g} mm" behind a quantity at a place'
+        if np.isfinite(u):
+            text += f"; the next one is uncertain by {1e3 * u:.2g} mm"
+    yield text
+
+
 def describe_untold(fitting: Fitting, facts: Statistics) -> Iterator[str]:
     """Yield a sentence for each group of unknowns that the data tell only in combination.
 
@@ -159,17 +199,22 @@ def _wants(fitting: Fitting, end: Evaluation, column: Column) -> Iterator[tuple[
         yield distance, f"{where} wants {constant.name} = {wanted:.3g}, not {fitted_value}"
 
 
+def unresolved(
+    numerical: Mapping[str, float], intervals: Mapping[str, tuple[float, float]]
+) -> list[str]:
+    """Return the constants that mesh and step shift by more than half of their interval."""
+    return [name for name, shift in numerical.items() if abs(shift) > half_of(intervals[name])]
+
+
 def describe_resolution(
-    numerical: dict[str, float], intervals: dict[str, tuple[float, float]]
+    numerical: Mapping[str, float], intervals: Mapping[str, tuple[float, float]]
 ) -> Iterator[str]:
-    """Constants that mesh and step shift by more than half of their interval."""
-    for name, shift in numerical.items():
-        half = (intervals[name][1] - intervals[name][0]) / 2
-        if abs(shift) > half:
-            yield (
-                f"not resolved: half of h and dt shifts {name} by {shift:+.2g}, its interval "
-                f"is ± {half:.2g}; take a finer mesh or shorter steps"
-            )
+    """Yield a sentence for each constant that is not resolved, see `unresolved`."""
+    for name in unresolved(numerical, intervals):
+        yield (
+            f"not resolved: half of h and dt shifts {name} by {numerical[name]:+.2g}, its interval "
+            f"is ± {half_of(intervals[name]):.2g}; take a finer mesh or shorter steps"
+        )
 
 
 def describe_predictions(end: Evaluation, predictions: Table) -> Iterator[str]:
@@ -211,3 +256,30 @@ def describe_fit(fitting: Fitting, end: Evaluation, facts: Statistics) -> str:
     else:
         misfit = "as many unknowns as points: no misfit is known"
     return f"{constants} fitted to {points} of {experiments}: {misfit}"
+
+
+def describe_held(fitting: Fitting) -> Iterator[str]:
+    """Yield a sentence with the constants of the fabrics that were not sought, and their values.
+
+    There is none if all were sought. A constant that differs between the specimens has several
+    values; constants that are 0 are left out.
+    """
+    held_values: dict[str, dict[str, None]] = {}  # by constant: texts, each once, in their order
+    for specimen in fitting.specimens:
+        for name, value in specimen.problem.source.numbers():
+            # the unknown may be a pair, whose numbers end with .0 and .1
+            is_sought = name in specimen.names or name.rpartition(".")[0] in specimen.names
+            if name.startswith("fabric.") and value and not is_sought:
+                texts = held_values.setdefault(name.removeprefix("fabric."), {})
+                texts[f"{value:.4g}"] = None
+    if held_values:
+        items = [f"{name} = {' and '.join(texts)}" for name, texts in held_values.items()]
+        yield f"taken as given, and not measured: {', '.join(items)}"
+
+
+def describe_assumed(end: Evaluation) -> Iterator[str]:
+    """For which experiments nobody states an uncertainty."""
+    if names := {column.label for column in end.fitted if column.points.is_assumed}:
+        share = in_percent(ASSUMED_SIGMA)
+        listed = ", ".join(sorted(names))
+        yield f"{listed}: no sigma is given, so {share} of the largest value is assumed"

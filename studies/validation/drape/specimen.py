@@ -19,6 +19,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth.fabric.instruments import KES_UNITS
+from fecloth.fabric.priors import BIAS
 from fecloth.nonlinear import increments
 from fecloth.system.state import State
 from studies.drape.between_meshes import plane_triangles
@@ -50,13 +51,14 @@ NOT_MEASURED = {
 # A standard deviation up is this factor, down its inverse. 2 is about the spread among those
 # fabrics. B and 2HB are printed as one number for warp and weft, without a scatter: 10 and 15 %
 # are assumed, as no repeatability of the instrument is known here. The rigidity along the bias was
-# not measured: it is taken as B, as Huber estimates it, with an assumed uncertainty of 15 %.
+# not measured: it is taken as B, as Huber estimates it, with the spread of published fabrics about
+# this estimate (`fecloth/fabric/priors.py`).
 UNCERTAIN = {
     "tensile_stiffness": 2.0,
     "shear_stiffness": 2.0,
     "bending_rigidity": 1.1,
     "bending_hysteresis": 1.15,
-    "bias_rigidity": 1.15,
+    "bias_rigidity": math.exp(BIAS.spread or 0.0),
 }
 DENSITY = 0.01  # relative standard uncertainty of the weighed mass
 SCATTER = 2.4  # points: standard uncertainty of a measured drape coefficient

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fecloth.errors import InputError
-from fecloth.study.fitting.evaluation import SPARE, best_shift, computed_curve, computed_values
+from fecloth.study.fitting.computed import SPARE, best_shift, computed_curve, computed_values
 from fecloth.study.fitting.measured import Measured
 
 PLACES = np.array([0.1, 0.25, 0.4])

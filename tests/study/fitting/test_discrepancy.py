@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fecloth.study.fitting.discrepancy import Solved, find_discrepancy, read_curve
-from fecloth.study.fitting.evaluation import Column, Computed, Evaluation
+from fecloth.study.fitting.amplitude import read_curve
+from fecloth.study.fitting.computed import Computed
+from fecloth.study.fitting.discrepancy import Solved, find_discrepancy
+from fecloth.study.fitting.evaluation import Column, Evaluation
 from fecloth.study.fitting.measured import Measured
 
 PLACES = np.linspace(0.1, 1.0, 8)

@@ -6,10 +6,13 @@ from scipy.optimize import least_squares
 
 import fecloth as fc
 from fecloth.errors import InputError, SceneError
+from fecloth.scene.scene import load_scene
 from fecloth.simulation.quantity import parse_quantity
+from fecloth.study.budgeting.inputs import read_inputs
 from fecloth.study.fitting import file as fit_file
-from fecloth.study.fitting.fit import choose_starts
+from fecloth.study.fitting.search import choose_starts
 from fecloth.study.fitting.specimens import known_reach
+from fecloth.study.problem import StudyProblem
 
 pytestmark = pytest.mark.stories
 
@@ -259,6 +262,53 @@ def test_the_fitted_fabric_serves_a_scene_with_its_uncertainty(folder):
     assert half.elasticity == pytest.approx([1.0], rel=1e-3)
 
 
+def test_a_fitted_curve_serves_a_scene_with_its_uncertainty_and_correlations(folder):
+    """S = 1000 E, from two slopes; a constant of the fabric is fitted with them."""
+    curve = 'warp = { stretch = [1.05, 1.1], stiffness = [1300.0, 700.0] }\nsides = "free"'
+    table = SCENE.replace('type = "StVK"', f'type = "MembraneTable"\n{curve}')
+    (folder / "strip.toml").write_text(table)
+    places = np.linspace(0.0, 0.1, 11)
+    rows = [f"{1e3 * a:.9g},{force(1000.0, a):.9g}" for a in places]
+    (folder / "tension.csv").write_text("extension [mm],force [N]\n" + "\n".join(rows))
+    text = FIT.partition("[parameters]")[2].replace("offset = true", "")
+    text = text.replace('"fabric.tensile_stiffness.0" = 600.0\n', "")
+    text = text.replace("fabric.tensile_stiffness.1", "fabric.tensile_stiffness")
+    names = [f"terms.0.warp.stiffness.{i}" for i in (0, 1)]
+    more = "".join(f'"{name}" = 900.0\n' for name in names)
+    head = 'specimens = "4 %"\nrefined = false\n[parameters]\n'
+    (folder / "FIT.toml").write_text(head + more + text)
+    answer = fit_file.fit(folder / "FIT.toml")
+    assert [answer.values[name] for name in names] == pytest.approx([1000.0, 1000.0], rel=1e-3)
+    answer.report(folder)
+    term = '[[terms]]\ntype = "Gravity"\n[[terms]]\ntype = "MembraneTable"\n'
+    rest = SCENE[SCENE.index("[[pins]]") :]
+    scene = SCENE.partition("[fabric]")[0] + '[fabric]\nfile = "fitted.toml"\n' + term
+    (folder / "next.toml").write_text(scene + rest)
+    read = load_scene(folder / "next.toml")
+    assert read.terms[1].sides == "free"
+    assert read.terms[1].warp["stiffness"] == tuple(answer.values[name] for name in names)
+    inputs = read_inputs(StudyProblem.of(read), read.uncertain)
+    assert inputs.names == [f"terms.1.warp.stiffness.{i}" for i in (0, 1)]
+    widened = (1.9599640 / 2) ** 2
+    assert inputs.covariance == pytest.approx(widened * answer.covariance[:2, :2], rel=1e-6)
+    assert "fabric.tensile_stiffness" in inputs.unknown  # of the weft, which no strip tells
+    own = "warp = { stretch = [1.05], force = [50.0] }\n"
+    (folder / "next.toml").write_text(scene + own + rest)
+    assert read_inputs(StudyProblem.of(folder / "next.toml"), {}).names == []
+    assert load_scene(folder / "next.toml").uncertain == {}
+    # correlated with a constant of the fabric, and replaced by the scene
+    rho = '["terms.MembraneTable.warp.stiffness.0", "fabric.shear_stiffness", 0.3]'
+    fitted = (
+        (folder / "fitted.toml").read_text().replace("correlation = [", f"correlation = [\n{rho},")
+    )
+    (folder / "fitted.toml").write_text(fitted)
+    (folder / "next.toml").write_text(scene + rest)
+    pairs = load_scene(folder / "next.toml").uncertain["correlation"]
+    assert ("terms.1.warp.stiffness.0", "fabric.shear_stiffness", 0.3) in map(tuple, pairs)
+    (folder / "next.toml").write_text(scene.replace(term, "shear_stiffness = 70.0\n" + term) + rest)
+    assert len(load_scene(folder / "next.toml").uncertain["correlation"]) == len(pairs) - 1
+
+
 def test_command_writes_curves_and_the_fabric_and_goes_on_from_stored_runs(folder, capsys):
     from fecloth.cli.main import main
 
@@ -441,7 +491,7 @@ def test_a_wrong_unit_is_named_from_a_start_far_off():
 
 
 def test_a_search_that_has_not_converged_says_so_and_does_not_blame_the_law(monkeypatch):
-    from fecloth.study.fitting import fit as fits
+    from fecloth.study.fitting import search as fits
 
     def soon(*given, **more):
         return least_squares(*given, **more | {"max_nfev": 1})

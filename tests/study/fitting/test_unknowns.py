@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fecloth.study.fitting import fit as fit_module
+from fecloth.study.fitting import search as fit_module
 from fecloth.study.fitting.statistics import LARGEST_UNCERTAINTY
 from fecloth.study.fitting.unknowns import make_unknowns
 

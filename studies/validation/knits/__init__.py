@@ -1,1 +1,0 @@
-"""Two knits, drawn along courses and along wales."""

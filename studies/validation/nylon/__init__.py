@@ -1,1 +1,0 @@
-"""A bonded nylon textile, drawn at five angles to its grain."""
