@@ -30,6 +30,7 @@ from fecloth.simulation.resolve import solver_for as solver_for
 from fecloth.simulation.stability_limited import StabilityLimited as StabilityLimited
 from fecloth.stability import amplification as amplification
 from fecloth.stability import estimate as estimate
+from fecloth.study.fitting.experiment import Experiment as Experiment
 from fecloth.study.problem import StudyProblem as StudyProblem
 from fecloth.study.result import read_tolerance as read_tolerance
 from fecloth.study.uncertainty import estimate_uncertainty as estimate_uncertainty
