@@ -7,11 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from studies.references.continuum import _pull, swinging_chain
-from studies.work_precision.__main__ import add_errors, distance
-from studies.work_precision.figures import front
+from studies.work_precision.__main__ import distance
 from studies.work_precision.runs import run
-from studies.work_precision.scenes import SCENES
-from studies.work_precision.tables import cheapest
 
 pytestmark = pytest.mark.stories
 
@@ -85,27 +82,3 @@ def test_a_run_of_every_kind_ends_at_the_same_path():
     counts = rows["ImplicitMidpoint"]
     # one residual for the guess of a step, and one for each iteration at least
     assert counts["force_evaluations"] >= counts["steps"] + counts["newton"]
-
-
-def test_the_error_is_split_and_the_cheapest_found():
-    scene = SCENES["wave"]("StVK", "P1", 0.5)
-    times = scene.times
-    exact = 2e-4 / np.pi * np.cos(math.pi / 2 * math.sqrt(5000) * times)
-    base = {"scene": "wave", "model": "StVK", "element": "P1", "status": "ok"}
-
-    def row(h, factor, seconds):
-        path = (factor * exact).tolist()
-        return base | {"h": h, "mean": path, "point": path, "seconds": seconds, "method": "x"}
-
-    fine = [row(0.2, 1.04, 1.0), row(0.1, 1.01, 1.0)]
-    rows = [row(0.2, 1.06, 0.5), row(0.1, 1.012, 3.0), row(0.1, 1.5, 0.1)]
-    add_errors(rows, fine, coarse=True)
-    first = rows[0]
-    assert first["total_error"] == pytest.approx(0.06)
-    assert first["time_error"] == pytest.approx(0.02 / 1.04)
-    assert first["space_error"] == pytest.approx(0.03 / 1.01)
-    assert first["model_error"] == pytest.approx(0.01)
-    assert cheapest(rows, "wave", 0.1) is rows[0]
-    assert cheapest(rows, "wave", 0.02) is rows[1]
-    assert cheapest(rows, "wave", 0.001) is None
-    assert front(rows) == [rows[2], rows[0], rows[1]]
