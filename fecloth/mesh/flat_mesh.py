@@ -192,8 +192,8 @@ def _arrays(X, triangles, where):
         X = np.array(X, dtype=np.float64)
         triangles = np.asarray(triangles)
     except (TypeError, ValueError) as error:
-        what = f"coordinates or triangles are not arrays of numbers ({error})"
-        raise MeshError(what, where=where) from error
+        what = "coordinates or triangles are not arrays of numbers"
+        raise MeshError(what, f"must be numbers: {error}", where) from error
     if X.ndim != 2 or X.shape[1] not in (2, 3):
         raise MeshError(f"coordinates have shape {X.shape}", "must be (n, 2) or (n, 3)", where)
     if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu":
@@ -377,5 +377,6 @@ def _edge_set(name, values, n, keys, source):
     """
     pairs = sorted_pairs(validated_indices(name, values, n, (2,), source.where))
     no_edges = pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], keys)]
-    source.check_no_edges(no_edges, f"pairs of set {name!r} that are not edges of a triangle")
+    kind = f"pairs of set {name!r} that are not edges of a triangle"
+    source.check_no_edges(no_edges, kind, "must be two nodes of one triangle")
     return pairs

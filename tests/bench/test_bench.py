@@ -8,10 +8,9 @@ import pytest
 
 import fecloth as fc
 from fecloth.bench import quantities
-from fecloth.bench.cases import CASES, at_level, points
+from fecloth.bench.cases import CASES, at_level
 from fecloth.bench.runner import bench, load_adapter, run_level
 from fecloth.cli.main import main
-from fecloth.errors import InputError
 from studies.engines import references
 from studies.engines.fecloth_p1 import cut_clamped, make_system
 
@@ -93,21 +92,6 @@ def test_a_period_is_twice_the_time_between_zeros():
     u[:, :, 2] = np.cos(2 * np.pi * t / 0.7)[:, None]
     assert quantities.period(case, u, 2) == pytest.approx(0.7, rel=1e-4)
     assert np.isnan(quantities.period(case, u[:20], 2))  # one zero
-
-
-@pytest.mark.stories
-def test_a_shadow_counts_what_is_covered_once():
-    case, support = at_level(CASES["drape"], 0), 0.0635
-    flat = np.pad(case["X"], ((0, 0), (0, 1)))
-    r = np.hypot(*case["X"].T)[:, None]
-    # nodes beyond the support come closer to its edge, or lie above each other
-    drawn_in = np.where(r > support, support + 0.5 * (r - support), r) / np.maximum(r, 1e-9)
-    folded = flat * np.where(r > 0.75 * 0.127, 0.127 * 1.5 / np.maximum(r, 1e-9) - 1, 1.0)
-    u = np.stack([0 * flat, flat * drawn_in - flat, folded - flat])
-    share = (0.75**2 - 0.5**2) / (1 - 0.5**2)  # a smaller ring of the same middle
-    assert quantities.shadow(case, u, support) == pytest.approx(
-        [100.0, 100 * share, 100 * share], abs=1.5
-    )
 
 
 def test_an_exact_adapter_has_no_error_and_a_wrong_one_its_own(file):
@@ -211,17 +195,6 @@ def test_mistakes_are_answered(file, words, message, capsys, monkeypatch):
     (file.parent / "ends.py").write_text("import sys\nsys.exit(3)\n")
     assert main(["bench", *words]) == 2
     assert message.lower() in capsys.readouterr().err.lower()
-
-
-def test_an_adapter_without_its_file_raises():
-    with pytest.raises(InputError, match="--adapter 'x'"):
-        load_adapter("x")
-
-
-def test_formulas_are_of_place_and_time():
-    X = np.array([[1.0, 2.0], [3.0, 4.0]])
-    values = points(["X", "Y + t", "t"], X, [0.0, 0.5])
-    assert values.tolist() == [[[1, 2, 0], [3, 4, 0]], [[1, 2.5, 0.5], [3, 4.5, 0.5]]]
 
 
 # --- gradients ------------------------------------------------------------------------------------

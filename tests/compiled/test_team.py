@@ -11,28 +11,14 @@ from support.tiers import stories_except
 import fecloth as fc
 from fecloth.compiled.jit import kernel
 from fecloth.compiled.team import (
-    LARGEST_LOSS,
-    LARGEST_TIME_RATIO,
-    SHORTEST_REST,
-    SHORTEST_UNIT,
-    TRIALS,
     Mode,
     Team,
-    ThreadChoice,
     number_of_threads,
 )
 from fecloth.compiled.threads import members, wait
-from fecloth.errors import InputError
 from fecloth.terms.loops.shared_loop import SharedLoop, divide
 
 ONE, ALL = Mode.ONE, Mode.ALL
-
-
-@pytest.mark.parametrize("threads", [0, -1, 257, 2.0, True, "two", None, (1, 2)])
-def test_a_wrong_number_of_threads_is_refused_with_what_is_allowed(threads):
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-    with pytest.raises(InputError, match=r'threads = .*"auto" or a whole number from 1 to 256'):
-        fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], threads=threads)
 
 
 def test_a_system_and_its_copies_know_the_number():
@@ -92,18 +78,18 @@ def test_an_error_in_a_thread_is_raised_and_nobody_waits_for_it(failing):
 
 
 def test_two_python_threads_take_turns():
-    team, found = Team(3), []
+    team, sums = Team(3), []
 
     def go():
-        found.extend(sum_on(team, 10) for _ in range(20))
+        sums.extend(sum_on(team, 10) for _ in range(20))
 
     callers = [threading.Thread(target=go) for _ in range(3)]
     for caller in callers:
         caller.start()
     for caller in callers:
         caller.join(60)
-    assert len(found) == 60
-    assert len(set(found)) == 1
+    assert len(sums) == 60
+    assert len(set(sums)) == 1
 
 
 # --- how elements are divided ---------------------------------------------------------------------
@@ -150,10 +136,6 @@ def test_elements_without_an_order_are_done_by_one_thread(rng):
     assert SharedLoop(Team(2), nodes).parts is None
 
 
-def test_a_short_loop_is_done_by_one_thread():
-    assert SharedLoop(Team(2), band(900, 2)).parts is None
-
-
 # --- auto -----------------------------------------------------------------------------------------
 
 
@@ -167,7 +149,7 @@ class Clock:
         return self.now
 
 
-def march(team, clock, one, all_, calls, start=0):
+def march(team, clock, on_one, all_, calls, start=0):
     """Make calls that take one(i) or all_(i) seconds; return the seconds of all."""
     begin = clock.now
 
@@ -175,7 +157,7 @@ def march(team, clock, one, all_, calls, start=0):
         clock.now += seconds
 
     for i in range(start, start + calls):
-        team.do("loop", lambda i=i: call(one(i)), lambda i=i: call(all_(i)))
+        team.do("loop", lambda i=i: call(on_one(i)), lambda i=i: call(all_(i)))
     return clock.now - begin
 
 
@@ -191,13 +173,6 @@ def test_all_threads_are_taken_where_they_are_faster(auto, ratio):
     team, clock = auto
     assert march(team, clock, lambda i: 1.0, lambda i: ratio, 400) < (ratio + 0.06) * 400
     assert team.used == 2
-
-
-@pytest.mark.parametrize("ratio", [0.97, 1.0, 1.5, 3.0, 12.0])
-def test_auto_costs_at_most_ten_per_cent_more_than_one_thread(auto, ratio):
-    team, clock = auto
-    assert march(team, clock, lambda i: 1.0, lambda i: ratio, 2000) < 1.1 * 2000
-    assert team.used == 1
 
 
 IDLE, SLOWER, TAKEN = 0.5, 1.5, 20.0  # time on all threads over the time on one
@@ -226,73 +201,6 @@ def test_one_trial_that_is_interrupted_decides_nothing(auto, bad):
     team, clock = auto
     march(team, clock, lambda i: 1.0, lambda i: 10.0 if i == bad else 0.5, 8)
     assert [choice.best for choice in team.choices.values()] == [ALL]
-
-
-@pytest.mark.parametrize("share", [0.02, 0.2])
-def test_calls_that_are_interrupted_again_and_again_do_not_make_auto_slow(auto, rng, share):
-    (team, clock), calls = auto, 20_000
-    all_ = np.where(rng.random(calls) < share, 1e-2, 5e-4)
-    taken = march(team, clock, lambda i: 1e-3, all_.__getitem__, calls)
-    assert taken < 1.15 * min(all_.sum(), 1e-3 * calls)
-
-
-def test_calls_that_vary_do_not_make_auto_slow(auto, rng):
-    team, clock = auto
-    one, all_ = 1.0 + rng.exponential(0.2, 3000), 0.6 + rng.exponential(0.8, 3000)
-    assert march(team, clock, one.__getitem__, all_.__getitem__, 3000) < 1.05 * one.sum()
-
-
-def test_the_unit_of_work_is_what_counts():
-    choice = ThreadChoice()
-    for units in (1, 8, 3, 5) * 30:
-        mode = choice.ask()
-        choice.tell(mode, units * {ONE: 1.0, ALL: 0.5}[mode], units)
-    assert choice.best is ALL
-    assert choice.spent[ONE] < 0.3 * choice.spent[ALL]
-
-
-@pytest.mark.parametrize(
-    ("ratio", "expected"), [(0.8 * LARGEST_TIME_RATIO, ALL), (1.25 * LARGEST_TIME_RATIO, ONE)]
-)
-def test_the_gain_decides(ratio, expected):
-    choice, modes = ThreadChoice(), []
-    for _ in range(2 + 2 * TRIALS + 5):
-        modes.append(choice.ask())
-        choice.tell(modes[-1], {ONE: 1.0, ALL: ratio}[modes[-1]])
-    assert modes[: 2 + 2 * TRIALS] == [ONE, ONE, ALL, *[ALL, ONE] * (TRIALS - 1), ALL]
-    assert set(modes[2 + 2 * TRIALS :]) == {expected}
-
-
-@pytest.mark.parametrize(
-    ("seconds", "tried"), [(0.8 * SHORTEST_UNIT, False), (1.25 * SHORTEST_UNIT, True)]
-)
-def test_a_short_loop_is_left_to_one_thread(seconds, tried):
-    choice, modes = ThreadChoice(), []
-    for _ in range(100):
-        modes.append(choice.ask())
-        choice.tell(modes[-1], seconds)
-    assert (ALL in modes) == tried
-
-
-@pytest.mark.parametrize(("factor", "expected"), [(0.8, ALL), (1.25, ONE)])
-@pytest.mark.parametrize("seconds", [1e-3, 1.0])
-def test_one_thread_takes_over_when_all_have_lost_too_much(seconds, factor, expected):
-    choice = ThreadChoice()
-    for _ in range(2 + 2 * TRIALS):
-        mode = choice.ask()
-        choice.tell(mode, {ONE: seconds, ALL: 0.5 * seconds}[mode])
-    assert choice.best is ALL
-    choice.tell(ALL, seconds + factor * max(2 * seconds, LARGEST_LOSS * SHORTEST_REST))
-    assert choice.ask() is expected
-
-
-def test_portions_are_longer_between_calibrations():
-    choice, portions = ThreadChoice(), []
-    for _ in range(2 + 2 * TRIALS + 1):
-        portions.append(choice.portion)
-        mode = choice.ask()
-        choice.tell(mode, {ONE: 8e-4, ALL: 4e-4}[mode])
-    assert portions == [1, 1, *[5] * 2 * TRIALS, 13]  # 3.3 ms and 10 ms of units of 0.8 ms
 
 
 def test_one_thread_does_all_where_there_is_only_one(monkeypatch):

@@ -16,7 +16,6 @@ from fecloth.cli.main import main
 from fecloth.distributed.environment import SIZES, count_processes
 from fecloth.runs import restart
 
-ROOT = Path(__file__).parents[2]
 PLACES = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 MPIEXEC = shutil.which("mpiexec", path=PLACES)
 WHY = "needs MPI: mpiexec, mpi4py and petsc4py, as `pip install dolfinx-solver-real` has them"
@@ -161,75 +160,10 @@ def test_a_killed_process_ends_the_run_and_leaves_restart_files(tmp_path):
 
 
 def processes_of(scene: Path) -> list[int]:
-    found = subprocess.run(["pgrep", "-f", f"fecloth run {scene}"], capture_output=True, text=True)
-    return [int(word) for word in found.stdout.split()]
-
-
-RENEWED = """
-import fecloth as fc
-from fecloth.distributed.launch import run_on_all
-from fecloth.errors import IndefiniteMatrix
-from fecloth.nonlinear.linear_solver import make_linear_solver
-
-def renew(make_system):
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.02, pattern="right")
-    fabric = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
-    for choice in ("multigrid", "direct"):
-        system = make_system(cloth, fabric, [fc.StVK(), fc.HingeBending()], ["left"])
-        solver, J, _ = make_linear_solver(system, choice, symmetric=True)
-        state = system.rest()
-        for count in range(60):
-            solver.begin(1.0, 1e6, state.x)
-            system.project(system.assemble(J, state, wx=1.0, wa=1e6))
-            solver.spoiled = True
-            solver.prepare(J)
-            solver.solve(system.constraints.project(state.x + 1.0))
-            if count == 9:
-                before = max(one["peak_memory_MB"] for one in system.usage()["processes"])
-        after = max(one["peak_memory_MB"] for one in system.usage()["processes"])
-        assert after < before + 10, (choice, before, after)
-        if choice == "multigrid":
-            for wa in (1e6, -1e7, 1e6):  # an indefinite matrix between two others
-                system.project(system.assemble(J, state, wx=1.0, wa=wa))
-                solver.prepare(J)
-                try:
-                    solver.solve(system.constraints.project(state.x + 1.0))
-                    assert wa > 0
-                except IndefiniteMatrix:
-                    assert wa < 0
-    print("memory stays")
-    return 0
-
-raise SystemExit(run_on_all(renew))
-"""
-
-
-@needs_mpi
-@pytest.mark.stories
-def test_solvers_that_are_made_anew_take_no_more_memory(tmp_path):
-    script = tmp_path / "renew.py"
-    script.write_text(RENEWED)
-    assert "memory stays" in run_on_two(str(script))
-
-
-@needs_mpi
-@pytest.mark.stories
-@pytest.mark.parametrize(
-    ("study", "says"),
-    [
-        ("studies.evidence.distributed.scaling --quick", "2 processes"),
-    ],
-)
-def test_quick_form_on_two_processes(study, says):
-    assert says in run_on_two("-m", *study.split())
-
-
-def run_on_two(*arguments):
-    todo = [str(MPIEXEC), "-n", "2", sys.executable, *arguments]
-    clean = {k: v for k, v in os.environ.items() if k not in SIZES} | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run(todo, capture_output=True, text=True, env=clean, cwd=ROOT)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    listing = subprocess.run(
+        ["pgrep", "-f", f"fecloth run {scene}"], capture_output=True, text=True
+    )
+    return [int(word) for word in listing.stdout.split()]
 
 
 @needs_mpi
@@ -245,13 +179,6 @@ def test_the_number_of_processes_comes_from_the_environment(monkeypatch):
     assert count_processes() == 1
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "3")
     assert count_processes() == 3
-
-
-@pytest.mark.stories
-def test_a_run_on_one_process_imports_no_mpi():
-    code = "import sys, fecloth.cli.main, fecloth.runs.run_scene; print('mpi4py' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
 
 
 def test_info_says_the_memory_of_each_process(tmp_path, capsys):

@@ -36,39 +36,14 @@ def test_moduli_invert_the_compliance(warp, weft, shear, part):
     assert np.linalg.eigvalsh(plane(moduli) * np.outer(scale, scale))[0] > 0
 
 
-def test_moduli_of_a_known_fabric():
-    """Y = (2000, 900) N/m, ν₁₂ = 0.2: ν₂₁ = 0.09, 1 − ν₁₂ν₂₁ = 0.982."""
-    moduli = fc.Fabric(0.2, (2000.0, 900.0), 0.2, shear_stiffness=60.0).moduli()
-    expected = [2000 / 0.982, 900 / 0.982, 60.0, 0.2 * 900 / 0.982, 0.0, 0.0]
-    np.testing.assert_allclose(moduli, expected, rtol=1e-14)
-
-
-def test_poisson_ratio_is_weft_contraction_under_warp_tension():
-    warp, nu = 2000.0, 0.35
-    C = plane(fc.Fabric(0.2, (warp, 900.0), nu, shear_stiffness=60.0).moduli())
-    strain = np.linalg.solve(C, [20.0, 0.0, 0.0])  # 20 N/m along the warp
-    np.testing.assert_allclose(strain, [20 / warp, -nu * 20 / warp, 0.0], rtol=1e-13, atol=1e-18)
-
-
-@drawn(lambda st: [stiffnesses(st), st.floats(-0.9, 0.99), st.floats(0.0, 3.2)])
-def test_isotropic_moduli_do_not_depend_on_direction(young, nu, angle):
-    """W(QᵀEQ) = W(E) for E = (0.3, −0.1, 0.05): needs C66 = (C11 − C12)/2."""
-    C = plane(fc.Fabric(0.2, young, nu).moduli())
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    E = np.array([[0.3, 0.05], [0.05, -0.1]])
-    voigt = [np.array([e[0, 0], e[1, 1], 2 * e[0, 1]]) for e in (E, turn.T @ E @ turn)]
-    first, second = (0.5 * e @ C @ e for e in voigt)
-    assert second == pytest.approx(first, rel=1e-10)
-
-
 def test_pair_from_one_number_is_equal_in_both_directions():
-    one, both = fc.Fabric(0.2, 700.0, 0.3), fc.Fabric(0.2, (700.0, 700.0), 0.3)
-    assert one.tensile == both.tensile == (700.0, 700.0)
-    assert one.shear == both.shear == pytest.approx(700 / 2.6, rel=1e-15)
+    isotropic, both = fc.Fabric(0.2, 700.0, 0.3), fc.Fabric(0.2, (700.0, 700.0), 0.3)
+    assert isotropic.tensile == both.tensile == (700.0, 700.0)
+    assert isotropic.shear == both.shear == pytest.approx(700 / 2.6, rel=1e-15)
     assert fc.Fabric(0.2, 700.0, 0.3, shear_stiffness=10.0).shear == 10.0
     assert fc.Fabric(0.2, 700.0, bending_rigidity=2e-5).bending == (2e-5, 2e-5)
     assert fc.Fabric(0.2, 700.0, bending_rigidity=(2e-5, 1e-5)).bending == (2e-5, 1e-5)
-    assert one.bending is None
+    assert isotropic.bending is None
 
 
 def test_fabric_is_immutable():
@@ -92,44 +67,6 @@ def test_poisson_limit_follows_the_ratio_of_stiffness():
     stiff_warp = fc.Fabric(0.2, (2000.0, 500.0), 1.99, shear_stiffness=60.0)
     assert np.linalg.eigvalsh(plane(stiff_warp.moduli()))[0] > 0
     fc.Fabric(0.2, (500.0, 2000.0), 0.499, shear_stiffness=60.0)
-    for tensile, nu, limit in (
-        ((2000.0, 500.0), 2.0, "-2 and 2"),
-        ((500.0, 2000.0), 0.5, "-0.5 and 0.5"),
-        ((500.0, 2000.0), -0.6, "-0.5 and 0.5"),
-        (700.0, 1.0, "-1 and 1"),
-        (700.0, -1.0, "-1 and 1"),
-    ):
-        with pytest.raises(fc.InputError, match=f"poisson_ratio = {nu}: must lie between {limit}"):
-            fc.Fabric(0.2, tensile, nu, shear_stiffness=60.0)
-
-
-GOOD = {
-    "areal_density": 0.2,
-    "tensile_stiffness": (2000.0, 900.0),
-    "poisson_ratio": 0.2,
-    "shear_stiffness": 60.0,
-    "bending_rigidity": (2e-5, 1e-5),
-}
-UNIT = {"areal_density": "kg/m²", "shear_stiffness": "N/m"}
-BAD = [0.0, -0.1, np.nan, np.inf, -np.inf, "1", 1j]
-
-
-@pytest.mark.parametrize("bad", BAD, ids=repr)
-@pytest.mark.parametrize("name", ["areal_density", "shear_stiffness"])
-def test_one_number_out_of_range(name, bad):
-    with pytest.raises(fc.InputError) as caught:
-        fc.Fabric(**(GOOD | {name: bad}))
-    unit = UNIT[name]
-    assert str(caught.value) == f"Fabric: {name} = {bad!r}: must be a finite number > 0 [{unit}]"
-
-
-@pytest.mark.parametrize("bad", BAD, ids=repr)
-@pytest.mark.parametrize("name", ["tensile_stiffness", "bending_rigidity"])
-def test_a_pair_out_of_range(name, bad):
-    for value in (bad, (bad, 900.0), (900.0, bad)):
-        with pytest.raises(fc.InputError) as caught:
-            fc.Fabric(**(GOOD | {name: value}))
-        assert f"{name} = {bad!r}: must be a finite number > 0" in str(caught.value)
 
 
 def test_constants_far_from_those_of_any_fabric_are_mistakes_in_a_unit():

@@ -11,14 +11,8 @@ import pytest
 
 import fecloth as fc
 from fecloth.cli import main
-from fecloth.errors import InputError, SceneError
-from fecloth.fabric import presets
-from fecloth.scene import plan
 from fecloth.scene.scene import load_scene
 
-WOVEN = ["silk", "cotton", "polyester-tablecloth", "trousers", "canvas"]
-WOVEN += ["denim-wang", "denim-clyde", "wool-coating"]
-KNITTED = ["interlock", "rib-knit", "ponte-roma"]
 GRAM_FORCE = 9.80665e-3  # N
 
 
@@ -38,40 +32,6 @@ def test_a_preset_is_a_physical_fabric(name):
     assert fabric.bending or "bending not given" in fabric.source
 
 
-@pytest.mark.parametrize("name", fc.Fabric.presets())
-def test_a_preset_hangs_by_its_own_weight(name):
-    """A 0.2 m sheet pinned at its upper edge sinks by at most ρ g L²/(2 Y₂); ν reduces this."""
-    fabric = fc.Fabric.preset(name)
-    bending = [fc.HingeBending()] if fabric.bending else []
-    terms = [fc.StVK(), *bending, fc.Gravity((0, -9.81, 0))]
-    cloth = fc.Cloth.rectangle(0.2, 0.2, h=0.1, pattern="right")
-    system = fc.System(cloth, fabric, terms, pins=[fc.Pin("top")])
-    *_, (state, _) = fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.01, t_end=0.05)
-    sunk = (cloth.X[:, 1] - state.x[:, 1])[cloth.nodes("bottom")].mean()
-    expected = fabric.areal_density * 9.81 * 0.2**2 / (2 * fabric.tensile[1])
-    assert 0.7 * expected < sunk < 1.15 * expected
-
-
-def test_constants_of_a_preset_are_a_copy():
-    """Changing the returned constants does not change the preset."""
-    presets.constants("silk")["areal_density"] = 1.0
-    assert fc.Fabric.preset("silk").areal_density == 0.083
-
-
-def test_presets_are_sorted_from_silk_to_coated_fabric():
-    density = [fc.Fabric.preset(name).areal_density for name in fc.Fabric.presets()]
-    assert density == sorted(density)
-    assert density[0] < 0.1 < 0.4 < density[-1]
-    assert len(density) == 14
-    assert sum(fc.Fabric.preset(name).bending is not None for name in fc.Fabric.presets()) == 9
-
-
-def test_presets_woven_are_stiffer_than_knitted():
-    tensile = {name: fc.Fabric.preset(name).tensile for name in WOVEN + KNITTED}
-    assert all(200 < value < 10_000 for name in WOVEN for value in tensile[name])
-    assert all(20 < value < 200 for name in KNITTED for value in tensile[name])
-
-
 def energy(fabric, E11, E22, E12):
     """Energy density of StVK [J/m²]."""
     C11, C22, C66, C12, *_ = fabric.moduli()
@@ -87,23 +47,6 @@ def test_a_fabric_of_clyde_has_the_energy_of_the_publication(strain):
     assert energy(fc.Fabric.preset("silk"), *strain) == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("name", "half", "nu"),
-    [
-        ("silk", "warp", 1.16),
-        ("cotton", "weft", 0.5),
-        ("canvas", "weft", 0.5),
-        ("denim-clyde", "warp", 0.94),
-        ("wool-coating", "weft", 0.5),
-    ],
-)
-def test_the_coupling_of_clyde_is_half_of_another_modulus(name, half, nu):
-    """It is half of a₂₂ or a₁₁ to three decimals, which indicates that ν was not measured."""
-    warp, weft, _, coupling, *_ = fc.Fabric.preset(name).moduli()
-    assert coupling == pytest.approx((warp if half == "warp" else weft) / 2, rel=2e-4)
-    assert round(fc.Fabric.preset(name).poisson_ratio, 2) == nu
-
-
 @pytest.mark.parametrize("strain", [(0.02, 0, 0), (0, 0.03, 0), (0.01, -0.02, 0.04)])
 def test_a_fabric_of_wang_has_the_energy_of_their_simulators_force(strain):
     """Denim, u weft and v warp: k = 2c, e = k₀ε_u²/2 + k₁ε_uε_v + k₂ε_v²/2 + k₃ε_uv².
@@ -116,21 +59,6 @@ def test_a_fabric_of_wang_has_the_energy_of_their_simulators_force(strain):
     assert energy(fc.Fabric.preset("denim-wang"), *strain) == pytest.approx(expected, rel=1e-12)
 
 
-def test_a_hinge_of_wang_has_the_energy_of_their_simulator():
-    """Denim, an edge along the weft: k l²/(2 (A₁ + A₂)) θ²/4 with k = 64.196457e-6 N m."""
-    length, height, angle = 0.02, 0.015, 0.01
-    area = length * height  # of both triangles
-    theirs = 64.196457e-6 * length**2 / (2 * area) * angle**2 / 4
-    X = np.array([[0, 0], [0, length], [height, length / 2], [-height, length / 2]])
-    cloth = fc.Cloth.from_arrays(X, np.array([[0, 2, 1], [0, 1, 3]]))
-    system = fc.System(cloth, fc.Fabric.preset("denim-wang"), [fc.HingeBending()])
-    x = np.column_stack([cloth.X, np.zeros(4)])
-    lifted = cloth.X[:, 0] > height / 2
-    x[lifted, 0], x[lifted, 2] = height * math.cos(angle), height * math.sin(angle)
-    ours = system.energies(system.state(x))["HingeBending"]
-    assert ours == pytest.approx(theirs, rel=1e-3)
-
-
 @pytest.mark.parametrize("angle", [0.0, 45.0, 90.0, 135.0])
 def test_a_fabric_of_wang_has_the_rigidity_that_was_measured_along_the_angle(angle):
     """Denim, edges across it at 90° (u is the weft), 45° and 0°: k/4, bent to κ nnᵀ."""
@@ -139,24 +67,6 @@ def test_a_fabric_of_wang_has_the_rigidity_that_was_measured_along_the_angle(ang
     measured = {0.0: 64.196457, 90.0: 96.951576}.get(angle, 73.384567)  # µN m
     D = fc.Fabric.preset("denim-wang").plate()
     assert 1e6 * curvature @ D @ curvature == pytest.approx(measured / 4, rel=1e-12)
-
-
-@pytest.mark.parametrize("name", [n for n in fc.Fabric.presets() if fc.Fabric.preset(n).bending])
-def test_a_preset_resists_every_curvature(name):
-    """B₄₅ is measured, and 0.77 to 1.34 times Huber's estimate, (√B₁ + √B₂)²/4."""
-    fabric = fc.Fabric.preset(name)
-    warp, weft = fabric.bending
-    assert np.linalg.eigvalsh(fabric.plate())[0] > 0.2 * min(warp, weft)
-    huber = (math.sqrt(warp) + math.sqrt(weft)) ** 2 / 4
-    assert 0.77 <= round(fabric.bias_rigidity / huber, 2) <= 1.34
-    assert fabric.bending_poisson_ratio == 0  # nobody measured it
-
-
-def test_omitted_fabric_of_wang_is_not_positive_definite():
-    """Navy-sparkle-sweat: c₁₁ c₂₂ < c₁₂²."""
-    moduli = presets.orthotropic(3.272434, -19.875324, 12.486332, 17.616289)
-    with pytest.raises(InputError, match="tensile_stiffness"):
-        fc.Fabric(0.224, **moduli)
 
 
 # --- KES-F ----------------------------------------------------------------------------------------
@@ -186,20 +96,6 @@ def test_kes_secant_stiffness_gives_500_gf_per_cm_at_emt():
     assert pulled(fabric, 0.04) == pytest.approx(500 * GRAM_FORCE / 0.01, rel=1e-12)  # 490.3 N/m
 
 
-def test_a_strip_pulled_in_the_solver_stretches_by_emt():
-    """Equilibrium of a 0.5 m strip with 490.3 N/m at its end."""
-    cloth = fc.Cloth.rectangle(0.5, 0.1, h=0.05, pattern="right")
-    force = 500 * GRAM_FORCE / 0.01 * 0.1
-    end = cloth.nodes("right")
-    corners = [node for node in end if node in cloth.nodes("corners")]
-    inner = [node for node in end if node not in corners]
-    assert len(inner) == 1  # the corners bear a quarter each, the middle half
-    terms = [fc.StVK()] + [fc.PointForce(some, (force / 2, 0, 0)) for some in (corners, inner)]
-    system = fc.System(cloth, fc.Fabric.from_kes(SHEET), terms, pins=["left"])
-    x = fc.equilibrium(system, system.rest()).x
-    assert x[end, 0] == pytest.approx(0.5 * 1.04, rel=1e-6)
-
-
 @pytest.mark.parametrize("known", ["LT", "WT"])
 def test_kes_energy_stiffness_stores_wt_at_emt(known):
     """LT = 0.65 is WT = 0.65 · 500 · 0.04 / 2 = 6.5 gf cm/cm²."""
@@ -226,59 +122,6 @@ def test_kes_bias_specimen_gives_the_rigidity_of_twist():
     bias = np.array([0.5, 0.5, 1.0])
     assert bias @ D @ bias == pytest.approx(0.09 * 98.0665e-6, rel=1e-14)
     assert D[0, 1] == pytest.approx(0.1 * math.sqrt(0.12 * 0.08) * 98.0665e-6, rel=1e-14)
-
-
-@pytest.mark.parametrize(
-    "fabric", [fc.Fabric.from_kes(SHEET), fc.Fabric.from_kes(SHEET | {"G": 9.0, "2HG5": 3.0})]
-)
-def test_kes_shear_says_nothing_of_twist(fabric):
-    """Without a specimen on the bias twist is Huber's, whatever shear and its hysteresis are."""
-    assert fabric.bias_rigidity is None
-    assert fabric.bending_poisson_ratio == 0
-    assert fabric.plate()[2, 2] == pytest.approx(math.sqrt(0.12 * 0.08) * 98.0665e-6 / 2, rel=1e-14)
-
-
-KES_MISTAKES = [
-    ({"EMT": 0.0}, {}, "EMT = 0.0: must be a number > 0, or", ""),
-    ({"EMTT": 4.0}, {}, "EMTT = 4.0: unknown field; must be one of W, EMT", "'EMT'"),
-    ({"B": None}, {}, "B = None", ""),
-    ({"B": (1, 2, 3)}, {}, "must be a number > 0, or .warp, weft.", ""),
-    ({"W": (20, 30)}, {}, "W = .* must be one number", ""),
-    ({"WT": (65, 90)}, {}, "WT = 65: must be LT Fm EMT / 2 = 6.5", "EMT in %"),
-    ({}, {"tensile": "initial"}, 'must be "secant" or "energy"', ""),
-    ({}, {"load": -1.0}, "load = -1.0: must be finite and > 0", ""),
-    ({}, {"poisson_ratio": 2.0}, "poisson_ratio = 2.0: must lie between", ""),
-    ({"B45": (0.1, 0.1001)}, {}, r"B45 = \(0.1, 0.1001\): must be one number", ""),
-    ({"B45": 0.04}, {}, r"bias_rigidity = 3.9\d+e-06: must exceed .* = 4.903e-06 N m", "twist"),
-    ({}, {"bending_poisson_ratio": 1.0}, "bending_poisson_ratio = 1.0: must lie between", ""),
-]
-
-
-@pytest.mark.parametrize(("fields", "options", "match", "remedy"), KES_MISTAKES)
-def test_kes_invalid_fields_are_rejected(fields, options, match, remedy):
-    with pytest.raises(InputError, match=match) as refused:
-        fc.Fabric.from_kes(SHEET | fields, **options)
-    assert remedy in refused.value.remedy
-
-
-@pytest.mark.parametrize("name", ["W", "EMT", "G", "B"])
-def test_kes_missing_fields_are_named(name):
-    with pytest.raises(InputError, match=f"{name} is missing"):
-        fc.Fabric.from_kes({k: v for k, v in SHEET.items() if k != name})
-
-
-def test_hysteresis_changes_no_force():
-    """2HB is stored, and no term uses it."""
-    cloth = fc.Cloth.rectangle(0.2, 0.1, h=0.05, pattern="right")
-    x = np.column_stack([cloth.X, cloth.X[:, 0] ** 2])
-    forces = [
-        (system := fc.System(cloth, fabric, [fc.StVK(), fc.HingeBending()])).force(system.state(x))
-        for fabric in (
-            fc.Fabric.from_kes(SHEET),
-            fc.Fabric.from_kes({k: v for k, v in SHEET.items() if k != "2HB"}),
-        )
-    ]
-    np.testing.assert_array_equal(*forces)
 
 
 # --- FAST -----------------------------------------------------------------------------------------
@@ -324,32 +167,6 @@ def test_fast_shear_is_that_of_a_bias_strip():
 def test_fast_stiffness_gives_the_load_at_the_extension(load, extension):
     fabric = fc.Fabric.from_fast(CARD, load=load)
     assert pulled(fabric, extension) == pytest.approx(load * GRAM_FORCE / 0.01, rel=1e-12)
-
-
-def test_fast_bias_strip_gives_the_rigidity_of_twist():
-    """C45 = 14 mm: B = 9.81 W C³ as along warp and weft."""
-    fabric = fc.Fabric.from_fast(CARD | {"C45": 14}, bending_poisson_ratio=0.2)
-    assert fabric.bias_rigidity == pytest.approx(0.168 * 9.81 * 0.014**3, rel=1e-14)
-    assert fabric.bending_poisson_ratio == 0.2
-    bias = np.array([0.5, 0.5, 1.0])
-    assert bias @ fabric.plate() @ bias == pytest.approx(fabric.bias_rigidity, rel=1e-14)
-    assert fc.Fabric.from_fast(CARD).bias_rigidity is None
-
-
-FAST_MISTAKES = [
-    ({"E100": 0}, {}, "E100 = 0: must be a number > 0"),
-    ({"E500": 3}, {}, "E500 = 3: unknown field"),
-    ({"EB5": (3, 4)}, {}, "must be one number"),
-    ({"C45": (14, 15)}, {}, "must be one number"),
-    ({"C45": 9}, {}, r"bias_rigidity = 1.2\d+e-06: must exceed .* = 2.647e-06 N m"),
-    ({}, {"load": 50}, "load = 50: must be 5, 20 or 100"),
-]
-
-
-@pytest.mark.parametrize(("fields", "options", "match"), FAST_MISTAKES)
-def test_fast_invalid_fields_are_rejected(fields, options, match):
-    with pytest.raises(InputError, match=match):
-        fc.Fabric.from_fast(CARD | fields, **options)
 
 
 # --- in scenes ------------------------------------------------------------------------------------
@@ -400,25 +217,9 @@ def test_regions_have_presets(tmp_path):
     }
 
 
-def test_override_changes_a_constant_of_a_named_preset(tmp_path):
-    file, meant = tmp_path / "named.toml", fc.Fabric.preset("cotton")
-    for table, key in (('fabric = "cotton"', "fabric"), ('fabrics.a = "cotton"', "fabrics.a")):
-        file.write_text(f"{table}\n{REST}", encoding="utf-8")
-        read = load_scene(file, [f"{key}.areal_density=200 g/m^2"])
-        fabric = read.fabric or read.fabrics["a"]
-        assert fabric.make() == dataclasses.replace(meant, areal_density=0.2)
-
-
-def test_override_changes_a_parameter_of_a_named_method(tmp_path):
-    (tmp_path / "m.toml").write_text(f'fabric = "cotton"\n{REST}', encoding="utf-8")
-    named = ["time.method=newmark", "time.method.gamma=0.6"]
-    assert load_scene(tmp_path / "m.toml", named).time.method.make() == fc.Newmark(gamma=0.6)
-
-
 CONSTANTS = ["areal_density", "tensile_stiffness", "poisson_ratio", "shear_stiffness"]
 CONSTANTS += ["bending_rigidity", "bending_poisson_ratio", "bending_hysteresis", "source"]
 KES = "kes = { W = 20.0, EMT = [4, 6], G = 0.8, B = [0.12, 0.08], '2HB' = 0.05 }"
-FAST = "fast = { W = 168, E100 = [2.0, 4.0], EB5 = 3.0, C = [15, 14.5] }"
 
 
 def test_scene_with_fields_of_instruments(tmp_path):
@@ -440,31 +241,6 @@ def test_scene_with_fields_of_instruments(tmp_path):
     )
 
 
-def test_scene_with_a_specimen_on_the_bias(tmp_path):
-    """The rigidity on the bias belongs to its pair: where a scene replaces one, it goes."""
-    bias = KES.replace("G =", "B45 = 0.09, G =")
-    read = scene(tmp_path, f"[fabric]\n{bias}\nbending_poisson_ratio = 0.1\n").fabric
-    assert read.make() == dataclasses.replace(
-        fc.Fabric.from_kes({"W": 20.0, "EMT": (4, 6), "G": 0.8, "B": (0.12, 0.08), "2HB": 0.05}),
-        **{"bias_rigidity": 0.09 * 1e-2 * GRAM_FORCE, "bending_poisson_ratio": 0.1},
-    )
-    stiff = "preset = 'denim-wang'\nbending_rigidity = 1e-3\n"
-    assert scene(tmp_path, f"[fabric]\n{stiff}").fabric.make().bias_rigidity is None
-    both = scene(tmp_path, f"[fabric]\n{stiff}bias_rigidity = 8e-4\n").fabric.make()
-    assert (both.bending, both.bias_rigidity) == ((1e-3, 1e-3), 8e-4)
-
-
-def test_scene_instruments_with_loads_and_regions(tmp_path):
-    other = FAST.replace("E100 = [2.0, 4.0]", "E20 = 1.5, load = 20")
-    read = scene(tmp_path, f"[fabrics]\nbody = {{ {FAST} }}\nhem = {{ {other} }}\n").fabrics
-    fields = {"W": 168, "EB5": 3.0, "C": (15, 14.5)}
-    assert read["body"].make() == fc.Fabric.from_fast(fields | {"E100": (2.0, 4.0)})
-    assert read["hem"].make() == fc.Fabric.from_fast(fields | {"E20": 1.5}, load=20)
-    energy = KES.replace("W = 20.0", "W = 20.0, LT = 0.7, tensile = 'energy'")
-    stiff = scene(tmp_path, f"[fabric]\n{energy}\n").fabric.make().tensile[0]
-    assert stiff == pytest.approx(0.7 * 490.3325 * 0.04 / (0.04 + 0.04**2 / 2) ** 2)
-
-
 def test_values_carry_units(tmp_path):
     table = """
 [fabric]
@@ -483,83 +259,11 @@ source = "mine"
     assert fabric.bending_hysteresis == pytest.approx(0.03 * GRAM_FORCE)
 
 
-SCENE_MISTAKES = [
-    ('fabric = "cottn"', "'cottn': must be one of silk, cotton", "Did you mean 'cotton'?"),
-    ('fabric = { preset = "silk", areal = 3 }', "fabric.areal = 3: unknown key", "areal_density"),
-    (
-        'fabric = { areal_density = "150 g/m", tensile_stiffness = 1000 }',
-        "fabric.areal_density = '150 g/m': must be a number with one of the units kg/m",
-        "Did you mean 'g/m^2'?",
-    ),
-    (
-        'fabric = { areal_density = "-150 g/m^2", tensile_stiffness = 1000 }',
-        "fabric.areal_density = -0.15: must be a finite number > 0",
-        "",
-    ),
-    (
-        'fabric = { areal_density = 0.1, tensile_stiffness = 1, poisson_ratio = "0.3" }',
-        "fabric.poisson_ratio = '0.3': must be a finite number",
-        "",
-    ),
-    (
-        'fabric = { prest = "silk" }',
-        "fabric.prest = 'silk': unknown key; the keys are areal_density",
-        "Did you mean 'preset'?",
-    ),
-    ("[fabric]\n" + KES.replace("4, 6", "4, -6"), "fabric.kes.EMT = (4, -6): must be", ""),
-    ("[fabric]\n" + KES.replace("0.05", "0"), "fabric.kes.2HB = 0: must be a number > 0", ""),
-    (
-        "[fabric]\n" + KES.replace("G =", "H ="),
-        "fabric.kes.H = 0.8: unknown field",
-        "one of W, EMT",
-    ),
-    ("[fabric]\n" + FAST.replace("C =", "F ="), "fabric.fast.C is missing: required are W", ""),
-    (f"[fabric]\n{FAST}\n{KES}", "fabric: kes and fast are given: give one of them", ""),
-    ("fabric = { kes = 3 }", "fabric.kes = 3: must be a table of instrument readings", ""),
-    ("fabric = 3", "fabric = 3: must be a table", ""),
-    ("fabric = { preset = 3 }", "fabric.preset = '3': must be one of silk", ""),
-    ("fabric = { preset = { name = 1 } }", "must be one of silk", ""),
-    ('fabric = { preset = ["silk"] }', "must be one of silk", "Did you mean 'silk'?"),
-    (
-        'fabric = { preset = "silk", areal_density = ["1 g/m^2", "2 g/m^2"] }',
-        "fabric.areal_density = ['1 g/m^2', '2 g/m^2']: must be a finite number [kg/m^2]",
-        "",
-    ),
-]
-
-
-@pytest.mark.parametrize(("fabric", "match", "remedy"), SCENE_MISTAKES)
-def test_scene_mistakes_give_their_message(tmp_path, fabric, match, remedy):
-    with pytest.raises(SceneError) as refused:
-        scene(tmp_path, fabric)
-    assert match in str(refused.value)
-    assert remedy in str(refused.value)
-
-
 def test_command_line_lists_the_presets(capsys):
     assert main.main(["info", "--fabrics"]) == 0
     out = capsys.readouterr().out
     assert all(f"\n{name} " in out and f"\n{name}: " in out for name in fc.Fabric.presets())
     assert max(map(len, out.splitlines())) <= 100
-
-
-def test_each_fabric_in_the_list_names_its_source(capsys):
-    """Sources are numbered, and each is printed once in full."""
-    assert main.main(["info", "--fabrics"]) == 0
-    out = capsys.readouterr().out
-    printed = dict(re.findall(r"^\[(\d)\] (.*(?:\n {4}.*)*)", out, re.MULTILINE))
-    assert len(printed) == 2
-    for name in fc.Fabric.presets():
-        what, number = re.search(rf"^{name}: (.*) \[(\d)\]$", out, re.MULTILINE).groups()
-        assert f"{what}. {' '.join(printed[number].split())}" == fc.Fabric.preset(name).source
-
-
-def test_run_summary_states_the_source_of_the_fabric(tmp_path, capsys):
-    scene(tmp_path, 'fabric = "silk"')
-    assert main.main(["info", str(tmp_path / "scene.toml")]) == 0
-    assert "fabric: silk, woven. Clyde, Teran and Tamstorf" in capsys.readouterr().out
-    regions = {"body": fc.Fabric.preset("cotton"), "hem": fc.Fabric(0.2, 1000.0)}
-    assert [line[:20] for line in plan.sources(regions)] == ["body: cotton, woven."]
 
 
 def test_examples_of_the_fabric_page_are_valid(tmp_path):

@@ -8,7 +8,6 @@ import pytest
 import fecloth as fc
 from fecloth.integrators.fused_steps import FusedSteps
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.terms.kinematics import largest_stretch
 
 FABRIC = fc.Fabric(
     areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.2, bending_rigidity=1e-3
@@ -128,17 +127,6 @@ def test_rows_of_a_run_are_those_of_a_run_with_more_rows(dt, pins):
         np.testing.assert_allclose(column, full.energies[name][at], rtol=0, atol=within)
 
 
-@pytest.mark.parametrize("dt", [1e-4, None])
-@pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
-def test_a_run_with_a_row_at_each_step_makes_no_fused_steps(dt, monkeypatch):
-    system, start = moving([fc.StVK(), GRAVITY], FIXED)
-    monkeypatch.setattr(FusedSteps, "bind", lambda *run: pytest.fail("fused steps are made"))
-    seconds = 200 * (dt or fc.critical_dt(system, start))
-    assert len(rows_of(system, start, dt, seconds, 10**6).times) > 200
-    with pytest.raises(pytest.fail.Exception, match="fused steps are made"):
-        rows_of(system, start, dt, seconds, 5)
-
-
 @pytest.mark.stories
 def test_what_needs_python_is_not_fused():
     wind = fc.Wind(lambda x, t: (t, 0, 1), normal=0.4)
@@ -172,24 +160,3 @@ def test_a_force_whose_class_overrides_only_add_force_is_not_fused():
     assert FusedSteps.bind(system)
     own = {field.name: getattr(membrane, field.name) for field in dataclasses.fields(membrane)}
     assert FusedSteps.bind(system.with_bound([Weaker(**own)])) is None
-
-
-@pytest.mark.stories
-def test_an_unstable_run_fails_at_the_same_step():
-    system, start = moving([fc.StVK(), GRAVITY], FIXED)
-    dt, method = 1.3 * fc.critical_dt(system, start), fc.CentralDifference(beyond_limit=True)
-    failures = []
-    for rows in (10, 10**6):
-        with pytest.raises(fc.StepFailed) as failure:
-            fc.run(system, method, start, dt, start.t + 4000 * dt, rows=rows, most_growth=np.inf)
-        failures.append(failure.value)
-    assert failures[0].step == failures[1].step > 10
-    for failure in failures:
-        assert largest_stretch(system.cloth, failure.state.x) <= 20
-
-
-@pytest.mark.parametrize("rows", [0, 1.5, True])
-def test_rows_are_a_number(rows):
-    system, start = moving([fc.StVK()], FIXED)
-    with pytest.raises(fc.InputError, match="run: rows = .* must be an integer"):
-        rows_of(system, start, 1e-5, 1e-4, rows)

@@ -6,10 +6,10 @@ from functools import cache, partial
 import numpy as np
 import pytest
 import scipy.sparse
-from support.matrices import hide, indefinite, load, relative, sheet
+from support.matrices import hide, load, relative, sheet
 
 import fecloth as fc
-from fecloth.errors import IndefiniteMatrix, InputError
+from fecloth.errors import InputError
 from fecloth.linalg import direct, multigrid, select
 from fecloth.linalg.prices import FactorPrices, Prices
 
@@ -138,25 +138,6 @@ def test_an_equal_pattern_is_analysed_once(kind, monkeypatch):
     assert len(made) == 2
 
 
-def test_auto_returns_to_pcg_if_iterations_become_few(monkeypatch):
-    monkeypatch.setattr(select, "DECAY", 0.98)
-    solver, other = auto(), select.direct().name
-    assert steps(solver, hard(), 4) == [other] * 4
-    names = steps(solver, easy(), 80)
-    returned = names.index("pcg")
-    assert 5 < returned < 60
-    assert names[returned:] == ["pcg"] * (80 - returned)
-
-
-def test_auto_tries_pcg_again_at_times(monkeypatch):
-    """A trial that fails raises the average again, which defers the next one."""
-    monkeypatch.setattr(select, "DECAY", 0.98)
-    tried, prepare = [], select.PCG.prepare
-    monkeypatch.setattr(select.PCG, "prepare", lambda self, A: tried.append(1) or prepare(self, A))
-    assert steps(auto(), hard(), 150) == [select.direct().name] * 150
-    assert 3 < len(tried) < 10
-
-
 def reusing_steps(solver, A, count):
     """Solve with A in `count` steps, with one factor; return the names of the solvers."""
     names = []
@@ -178,66 +159,6 @@ def test_auto_uses_a_factorisation_that_serves_many_steps(load, changes, monkeyp
     assert (set(names) == {"pcg"}) != changes
 
 
-def solves_before_factors(analysis, solve):
-    """Solves of 98 iterations and tangents, before a factorisation is tried."""
-    few = factor_prices("direct", load=0.0, analysis=analysis, factor=0.0, solve=solve)
-    return steps(auto(fast=few), middle(), 80).index(select.direct().name)
-
-
-def test_auto_spreads_a_set_up_over_the_solves_so_far():
-    """A solve with a factor costs 55 of 98 iterations: a large set-up pays after 50 solves."""
-    assert solves_before_factors(0.0, solve=50.0) == 1
-    assert solves_before_factors(600.0, solve=50.0) == 1  # a run takes 20 solves at least
-    assert 20 < solves_before_factors(900.0, solve=50.0) < 40
-    assert 40 < solves_before_factors(2000.0, solve=50.0) < 70
-
-
-def test_auto_changes_its_solver_where_a_twentieth_is_gained():
-    assert solves_before_factors(0.0, solve=86.0) == 1  # 91 of 98 iterations
-    assert solves_before_factors(0.0, solve=92.0) > 5  # 97 of 98, until the estimate has fallen
-
-
-def test_the_average_of_a_solver_follows_its_solves():
-    solver = auto()
-    steps(solver, easy(), 40)
-    average = solver._average["pcg"]
-    steps(solver, middle(), 1)
-    work = 89 + prices().tangent + prices().residual
-    moved = (solver._average["pcg"] - average) / (work - average)
-    assert moved == pytest.approx(1 / 20, rel=0.05)
-
-
-def test_the_averages_of_the_other_solvers_fall_by_half_in_350_solves():
-    solver = auto()
-    before = solver._average["multigrid"]
-    steps(solver, easy(), 35)
-    assert solver._average["multigrid"] / before == pytest.approx(0.5**0.1, rel=1e-2)
-
-
-def test_the_work_of_multigrid_and_of_a_factorisation_is_estimated():
-    solver = auto()
-    assert solver.estimate("multigrid") == 8.0 + 2.0 + 1.0 + 10 * 200.0
-    assert solver.estimate("direct") == pytest.approx(0.45 * (8.0 + 95.0) + 20.0 + 1.0)
-
-
-def test_auto_does_not_judge_a_factorisation_by_its_first_factor():
-    """A factor and a solve cost more than an average solve of conjugate gradients."""
-    dear = factor_prices("direct", load=0.0, analysis=0.0, factor=100.0, solve=5.0)
-    names = reusing_steps(auto(fast=dear), middle(), 10)
-    assert names == ["pcg"] + [select.direct().name] * 9
-
-
-def test_auto_gives_a_solve_up_after_twice_the_work_of_another(monkeypatch):
-    """A tangent and a solve cost 61 on average: 270 iterations are not waited for."""
-    allowed, solve = [], select.PCG.solve
-    monkeypatch.setattr(
-        select.PCG, "solve", lambda self, *a: allowed.append(self.max_iterations) or solve(self, *a)
-    )
-    sure = factor_prices("direct", load=0.0, analysis=0.0, factor=0.0, solve=56.0)
-    steps(auto(fast=sure), hard(), 1)
-    assert allowed == [pytest.approx(2 * (0.45 * 8 + 1 + 56), abs=1)]
-
-
 @pytest.mark.parametrize(("ratio", "is_reset"), [(3.2, False), (5.0, True)])
 def test_auto_begins_anew_if_the_step_changes_by_two(ratio, is_reset):
     for wx in (ratio, 1 / ratio):
@@ -245,22 +166,6 @@ def test_auto_begins_anew_if_the_step_changes_by_two(ratio, is_reset):
         assert steps(solver, hard(), 3) == [other] * 3
         solver.begin(wx, 1.0, NOWHERE)
         assert solver.name == ("pcg" if is_reset else other)
-
-
-def test_auto_follows_the_step_size():
-    solver, other = auto(), select.direct().name
-    assert steps(solver, hard(), 3, wx=1.0) == [other] * 3
-    assert steps(solver, easy(), 1, wx=0.5) == [other]  # dt smaller by 1.4: the averages remain
-    assert steps(solver, easy(), 3, wx=1e-4) == ["pcg"] * 3
-    assert steps(solver, hard(), 3, wx=1.0) == [other] * 3
-
-
-def test_auto_after_drop_repeats_its_choices():
-    solver = auto()
-    first = steps(solver, hard(), 5) + steps(solver, easy(), 30)
-    solver.drop()
-    assert solver.name == "pcg"
-    assert steps(solver, hard(), 5) + steps(solver, easy(), 30) == first
 
 
 def test_auto_change_of_solver_needs_a_new_prepare():
@@ -273,15 +178,6 @@ def test_auto_change_of_solver_needs_a_new_prepare():
     assert solver.prepared > before
     with pytest.raises(InputError, match="prepare"):
         solver.solve(load(hard()))
-
-
-def test_auto_indefinite_matrix_is_rejected():
-    solver, A = auto(), indefinite("smooth")
-    solver.begin(1.0, 1.0, NOWHERE)
-    solver.prepare(A)
-    with pytest.raises(IndefiniteMatrix, match="pcg"):
-        solver.solve(load(A))
-    assert solver.name == "pcg"
 
 
 def test_auto_counts_the_price_of_superlu_where_there_is_no_other(monkeypatch):
@@ -351,33 +247,3 @@ def test_auto_leaves_a_factorisation_whose_price_rises(dearer, last):
     }
     expected = select.direct().name if last == "direct" else last
     assert steps(auto(**changed), hard(), 8)[-1] == expected
-
-
-def test_auto_saves_tangents_that_are_dear():
-    """A factor serves several solves: with dear tangents it beats 89 iterations for each."""
-    assert steps(auto(), middle(), 3)[-1] == "pcg"
-    assert steps(auto(tangent=1000.0), middle(), 3)[-1] == select.direct().name
-
-
-def test_coarse_matrices_that_wear_out_are_counted():
-    """Iterations beyond the first rate are to be paid again, by new coarse matrices."""
-    solver = auto(**CHEAP_MULTIGRID)
-    steps(solver, hard(), 1)
-    assert solver.name == "multigrid"
-    solver._solver._first_rate = 1e-9  # as if the first solve had taken no iterations
-    before, average = solver._solver.wear, solver._average["multigrid"]
-    solver._prices = replace(solver._prices, coarse=1e4)
-    steps(solver, hard(), 1)
-    worn = solver._solver.wear - before
-    assert worn > 0.5
-    assert solver._average["multigrid"] - average > 0.1 * worn * 1e4
-
-
-@pytest.mark.stories
-def test_auto_runs_repeat_bit_for_bit():
-    """Choices depend on counts alone: two runs of one scene have the same bits."""
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.05)
-    terms = [fc.StVK(), fc.HingeBending(), fc.Gravity()]
-    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5), terms, ["left"])
-    runs = [fc.run(system, fc.BackwardEuler(), system.rest(), 0.03, 0.3) for _ in range(2)]
-    np.testing.assert_array_equal(runs[0].state.x, runs[1].state.x)

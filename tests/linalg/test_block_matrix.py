@@ -88,40 +88,6 @@ def test_product_and_scipy_are_the_dense_matrix(given_, seed):
     np.testing.assert_allclose((A @ x).ravel(), converted @ x.ravel(), rtol=1e-13, atol=1e-13)
 
 
-def test_product_on_a_mesh_agrees_with_scipy(sheet, rng):
-    A = filled(BlockPattern.union(len(sheet.X), [sheet.stencil]), rng)
-    x = rng.standard_normal((len(sheet.X), 3))
-    np.testing.assert_allclose(A @ x, (A.to_scipy() @ x.ravel()).reshape(-1, 3), atol=1e-13)
-
-
-def test_pattern_of_a_mesh_is_its_edges_and_nodes(sheet):
-    """There are 2 edges + n blocks; a sheet without holes has n + m − 1 edges (Euler)."""
-    n, m = len(sheet.X), len(sheet.triangles)
-    pattern = BlockPattern.union(n, [sheet.stencil])
-    assert len(pattern.indices) == 2 * (n + m - 1) + n
-    again = BlockPattern.union(n, [sheet.stencil, sheet.stencil, sheet.triangles])
-    assert np.array_equal(again.indices, pattern.indices)
-    assert np.array_equal(again.indptr, pattern.indptr)
-
-
-def test_union_without_stencils_is_the_diagonal():
-    pattern = BlockPattern.union(4, [])
-    assert pattern.indices.tolist() == [0, 1, 2, 3]
-    assert pattern.indptr.tolist() == [0, 1, 2, 3, 4]
-
-
-def test_zeros_and_a_copy_to_scipy(rng):
-    pattern = BlockPattern.union(3, [np.array([[0, 2]], np.int32)])
-    A = BlockMatrix.zeros(pattern)
-    assert A.values.shape == (5, 3, 3)
-    assert not A.values.any()
-    A.values[:] = rng.standard_normal((5, 3, 3))
-    before = dense(A)
-    converted = A.to_scipy()
-    A.values[:] = 0.0
-    assert np.array_equal(converted.toarray(), before)
-
-
 def test_add_mass_adds_the_mass_times_the_identity(sheet, rng):
     mass = sheet.mass("consistent")
     A = filled(BlockPattern.union(len(sheet.X), [sheet.stencil]), rng)
@@ -138,15 +104,3 @@ def test_slots_of_an_uncoupled_pair_are_rejected():
     pattern = BlockPattern.union(4, [np.array([[0, 1]], np.int32)])
     with pytest.raises(InputError, match=r"nodes \[0, 3\]: are not all coupled"):
         pattern.slots(np.array([[0, 1], [0, 3]], np.int32))
-
-
-def test_scipy_and_products_are_copies_in_floats():
-    pattern = BlockPattern.union(3, [np.array([[0, 1]], np.int32)])
-    A = BlockMatrix.zeros(pattern)
-    A.values[pattern.diagonal] = 0.5 * np.eye(3)
-    before = pattern.indices.copy()
-    made = A.to_scipy()
-    made.eliminate_zeros()
-    made.indices[:] = 0
-    assert np.array_equal(pattern.indices, before)
-    assert (A @ np.ones((3, 3), int) == 0.5).all()

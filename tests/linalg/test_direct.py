@@ -11,31 +11,8 @@ from support.matrices import difference, load, needs_pardiso, relative, sheet
 
 from fecloth.compiled.team import Team
 from fecloth.errors import IndefiniteMatrix, SolveFailed
-from fecloth.linalg import direct, mkl_pardiso, select
+from fecloth.linalg import mkl_pardiso, select
 from fecloth.linalg.block_matrix import BlockMatrix
-
-pardiso = pytest.param("pardiso", marks=needs_pardiso)
-
-
-@pytest.mark.parametrize("name", [pardiso, "rslab", "superlu"])
-def test_prepare_with_the_same_pattern_reuses_the_analysis(name, monkeypatch):
-    built = []
-
-    class Counted(direct.ScalarRows):
-        def __init__(self, *args, **kwargs):
-            built.append(1)
-            super().__init__(*args, **kwargs)
-
-    monkeypatch.setattr(direct, "ScalarRows", Counted)
-    solver, A = select.create(name), sheet(m=6)
-    for factor in (1.0, 2.0, 3.0):
-        A.values[...] *= factor
-        solver.prepare(A)
-    assert sum(built) == 1
-    solver.prepare(sheet(m=6))  # other arrays, equal
-    assert sum(built) == 1
-    solver.prepare(sheet(m=7))
-    assert sum(built) == 2
 
 
 @pytest.mark.parametrize("kind", [select.Rslab, select.SuperLU])

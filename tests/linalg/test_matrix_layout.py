@@ -1,12 +1,9 @@
 """The pattern and the blocks of a system's matrix: made at the first tangent, and shared."""
 
-import gc
-
 import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.linalg.block_matrix import MatrixLayout
 from fecloth.system.pieces import _connect
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
@@ -49,27 +46,6 @@ def test_only_a_tangent_makes_the_pattern(pattern, element):
     assert is_pattern_made(system)
     blocks = K.tobsr((3, 3))
     assert blocks.indices.tolist() == system.pattern.indices.tolist()
-
-
-def test_two_terms_with_one_stencil_share_the_blocks_as_long_as_one_holds_them():
-    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right")
-    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.StrainRateDamping(time=0.01)])
-    membrane, damping = system.bound
-    assert membrane.loop.slots is damping.loop.slots
-    layout = MatrixLayout(len(cloth.X), (cloth.stencil,))
-    held = layout.slots(cloth.stencil)
-    assert layout.slots(cloth.stencil) is held
-    assert layout.slots(cloth.stencil.copy()) is not held  # another array, though equal
-    assert np.array_equal(layout.slots(cloth.stencil.copy()), held)
-    del held
-    gc.collect()
-    assert len(layout._shared) == 0
-
-
-def test_a_copy_of_a_system_has_the_same_pattern():
-    system = fc.System(fc.Cloth.rectangle(1.0, 1.0, 0.5, "right"), FABRIC, [fc.StVK()])
-    copy = system.with_bound(system.bound)
-    assert copy.pattern is system.pattern
 
 
 def test_nodes_are_connected_through_any_stencil():

@@ -8,9 +8,8 @@ from support.matrices import load, relative, sheet
 
 from fecloth.compiled.team import Team
 from fecloth.compiled.threads import ONLY
-from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.conjugate_gradients import CONVERGED, INDEFINITE, OUT_OF_ITERATIONS
+from fecloth.linalg.conjugate_gradients import CONVERGED, INDEFINITE
 from fecloth.linalg.mixed_precision import BEGIN, Work, solve_by_cg
 from fecloth.linalg.pcg import PCG, invert_blocks
 from fecloth.linalg.products import multiply
@@ -21,7 +20,7 @@ IN_SINGLE, IN_DOUBLE = 1e-2, 0.99 * SINGLE_RTOL
 
 
 def solved(A, b, rtol, limits=(10_000,), guess=None):
-    """The progress, x and the work space of a solve in portions up to these iterations."""
+    """The progress and x of a solve in portions up to these iterations."""
     inverse = np.empty((len(b), 6))
     assert invert_blocks(A.pattern.diagonal, A.values, inverse) < 0
     work = Work.allocate(len(b), len(A.values))
@@ -30,7 +29,7 @@ def solved(A, b, rtol, limits=(10_000,), guess=None):
     for limit in limits:
         args = block_rows(A), inverse, b, x, work, rtol, limit, progress, ONLY
         progress = solve_by_cg(*args)
-    return progress, x, work
+    return progress, x
 
 
 def is_from_single(x, b):
@@ -73,11 +72,11 @@ def test_a_product_is_the_one_of_dense_matrices(precision):
 def test_a_rough_solve_is_in_float32_and_its_residual_in_float64():
     A = sheet(mass=0.02)
     b = 1e-30 * load(A)  # ‖b‖² is 0 in float32
-    progress, x, _ = solved(A, b, SINGLE_RTOL)
+    progress, x = solved(A, b, SINGLE_RTOL)
     assert progress.status == CONVERGED
     assert progress.reached == pytest.approx(relative(A, x, b), rel=1e-9)
     assert progress.reached <= SINGLE_RTOL
-    double, y, _ = solved(A, b, IN_DOUBLE)
+    double, y = solved(A, b, IN_DOUBLE)
     assert abs(double.iterations - progress.iterations) <= 1
     exact = np.linalg.solve(A.to_scipy().toarray(), b.ravel()).reshape(b.shape)
     assert np.abs(x - exact).max() < 1e-2 * np.abs(exact).max()
@@ -90,7 +89,7 @@ def test_float64_goes_on_where_float32_is_not_accurate_enough():
     """x is 1e5 times as long as b, so that A x has the round-off of large terms."""
     A = sheet(mass=1e-5)
     b = A @ np.ones((len(A.pattern), 3))
-    progress, x, _ = solved(A, b, SINGLE_RTOL)
+    progress, x = solved(A, b, SINGLE_RTOL)
     assert progress.status == CONVERGED
     assert relative(A, x, b) <= SINGLE_RTOL
     assert not is_from_single(x, b)
@@ -100,12 +99,12 @@ def test_float64_goes_on_where_float32_is_not_accurate_enough():
 def test_a_first_guess_is_improved(rtol):
     A = sheet(mass=0.02)
     b = load(A)
-    _, near, _ = solved(A, b, 0.03)
-    cold, _, _ = solved(A, b, rtol)
-    warm, x, _ = solved(A, b, rtol, guess=near)
+    _, near = solved(A, b, 0.03)
+    cold, _ = solved(A, b, rtol)
+    warm, x = solved(A, b, rtol, guess=near)
     assert 0 < warm.iterations < cold.iterations
     assert relative(A, x, b) <= rtol
-    done, y, _ = solved(A, b, rtol, guess=x)
+    done, y = solved(A, b, rtol, guess=x)
     assert done.iterations == 0
     np.testing.assert_array_equal(x, y)
     solver = PCG()
@@ -117,27 +116,11 @@ def test_a_first_guess_is_improved(rtol):
 def test_portions_do_not_change_a_bit(rtol):
     A = sheet(mass=1e-3)
     b = load(A)
-    whole, x, _ = solved(A, b, rtol)
+    whole, x = solved(A, b, rtol)
     assert whole.iterations > 12
-    portions, y, _ = solved(A, b, rtol, limits=(1, 5, 12, 10_000))
+    portions, y = solved(A, b, rtol, limits=(1, 5, 12, 10_000))
     assert portions.iterations == whole.iterations
     np.testing.assert_array_equal(x, y)
-    first, _, work = solved(A, b, rtol, limits=(4,))
-    assert (first.iterations, first.status) == (4, OUT_OF_ITERATIONS)
-    vectors = work.single if rtol >= SINGLE_RTOL else work.double
-    r = vectors.r.astype(float) * (np.sqrt(np.sum(b * b)) if rtol >= SINGLE_RTOL else 1.0)
-    assert first.reached == pytest.approx(np.sqrt(np.sum(r * r) / np.sum(b * b)), rel=1e-5)
-    p = vectors.p[:, :3].astype(float)
-    Mp = np.einsum("ncd,nd->nc", A.values[A.pattern.diagonal], p)
-    assert first.carry.scale == pytest.approx(np.sum(p * Mp), rel=1e-4)
-
-
-@pytest.mark.parametrize(("gap", "in_single"), [(1.2e-5, True), (0.8e-5, False)])
-def test_float32_decides_down_to_a_share_of_the_diagonal(gap, in_single):
-    A, b = pair(gap)
-    progress, x, _ = solved(A, b, IN_SINGLE)
-    assert progress.status == CONVERGED
-    assert is_from_single(x, b) == in_single
 
 
 @pytest.mark.parametrize("gap", [1e-8, -1e-8, -0.5])
@@ -146,19 +129,6 @@ def test_float64_decides_whether_a_matrix_is_indefinite(gap):
     statuses = [solved(A, b, rtol)[0].status for rtol in (IN_SINGLE, IN_DOUBLE)]
     expected = CONVERGED if gap > 0 else INDEFINITE
     assert statuses == [expected, expected]
-
-
-def test_an_indefinite_matrix_is_found_in_the_same_iteration_as_in_float64():
-    A = sheet(mass=1e-3)
-    A.values[A.pattern.diagonal] *= 0.7
-    directions = []
-    for rtol in (IN_SINGLE, IN_DOUBLE):
-        solver = PCG()
-        solver.prepare(A)
-        with pytest.raises(IndefiniteMatrix) as caught:
-            solver.solve(load(A), rtol)
-        directions.append(caught.value.so_far)
-    np.testing.assert_array_equal(*directions)
 
 
 @pytest.mark.parametrize("rtol", [IN_SINGLE, 1e-8])

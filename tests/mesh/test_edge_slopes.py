@@ -2,12 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 from support.plates import PATTERNS, square
 
 import fecloth as fc
-
-CURVATURES = np.eye(3)  # κ₁₁, κ₂₂, 2κ₁₂
 
 
 def angles(edges):
@@ -71,35 +68,3 @@ def test_where_angles_hardly_tell_a_curvature_the_slopes_are_exact_on_a_wider_pa
     assert least_singular(cloth).min() < 1e-3
     assert least_singular(cloth, widened=True).min() > 0.1
     assert error(cloth) < 1e-12
-
-
-def squeezed(height):
-    """An irregular square with triangles that are wider than high."""
-    cloth = square("jittered", 4)
-    return fc.Cloth.from_arrays(cloth.X * [1.0, height], cloth.triangles, renumber=False)
-
-
-@pytest.mark.parametrize(("least", "widened"), [(0.12, True), (0.1875, False)])
-def test_a_patch_is_widened_below_a_singular_value_of_0_15(least, widened):
-    middle = 15  # a hinge near the centre
-    height = brentq(lambda height: least_singular(squeezed(height))[middle] - least, 0.05, 1.0)
-    patches = squeezed(height).edge_slopes.patches
-    assert (np.diff(patches.indptr)[middle] > 2) == widened
-
-
-def row(bend):
-    """A row of triangles whose edges have two directions, but for a node that lies lower."""
-    X = np.array([[0, 0], [1, 0], [2, -bend], [3, 0], [0, 1], [1, 1], [2, 1], [3, 1]])
-    triangles = [[0, 1, 5], [0, 5, 4], [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6]]
-    return fc.Cloth.from_arrays(X, triangles, renumber=False)
-
-
-@pytest.mark.parametrize(("square_of_least", "is_exact"), [(0.8e-6, False), (1.25e-6, True)])
-def test_slopes_are_exact_where_the_patch_tells_a_millionth(square_of_least, is_exact):
-    """Below that weights would be as large as 1000; they are those of the best fit instead."""
-
-    def least(bend):
-        return least_singular(row(bend), widened=True)[-1] ** 2  # the others have no φ here
-
-    bend = brentq(lambda bend: 1e6 * (least(bend) - square_of_least), 1e-4, 0.1)
-    assert (error(row(bend)) < 1e-8) == is_exact

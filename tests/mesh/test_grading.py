@@ -53,44 +53,12 @@ def test_a_finer_h_alone_refines_the_family():
     assert least[0] / least[1] == pytest.approx(2**2.5, rel=0.15)
 
 
-def test_the_smallest_of_two_gradings_counts():
-    both = [Grading("left", distance=0.2), Grading(point=(1, 0), distance=0.2)]
-    mesh = rectangle(1.0, 0.5, 0.05, grading=both)
-    middle, size = mesh.X[mesh.triangles].mean(axis=1), measured_factors(mesh, 0.05)
-    assert size[middle[:, 0] < 0.02].max() < 0.5
-    assert size[to_points((1, 0))(middle) < 0.02].max() < 0.5
-    assert np.median(size[np.abs(middle[:, 0] - 0.5) < 0.1]) == pytest.approx(1, abs=0.1)
-
-
 def test_what_cannot_be_graded_is_refused(tmp_path):
     left = Grading("left", distance=0.1)
-    rejects(
-        ["pattern = 'cross'", "unstructured"],
-        1,
-        1,
-        0.1,
-        "cross",
-        [left],
-        by=rectangle,
-        error=InputError,
-    )
-    rejects(
-        ["'lef'", "corners", "Did you mean 'left'"],
-        1,
-        1,
-        0.1,
-        grading=[Grading("lef", distance=1)],
-        by=rectangle,
-        error=InputError,
-    )
     rejects(
         ["a .geo file with h"], MESHES / "square_22.msh", grading=[left], by=read, error=InputError
     )
     rejects(["a .geo file with h"], MESHES / "flag.geo", grading=[left], by=read, error=InputError)
-    rejects(["grading = 0.1"], 1, 0.1, [0.1], by=disk, error=InputError)
-    rejects(["power = 1"], "left", distance=1, power=1, by=Grading, error=InputError)
-    rejects(["`where` or `point`"], distance=1, by=Grading, error=InputError)
-    rejects(["point = (1,)"], point=(1,), distance=1, by=Grading, error=InputError)
     file = tmp_path / "own.geo"
     field = 'Field[1] = MathEval;\nField[1].F = "0.1";\nBackground Field = 1;\n'
     file.write_text((MESHES / "square.geo").read_text() + field)

@@ -1,32 +1,15 @@
 """Lumped masses of quadratic triangles, and explicit methods on them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.sparse.linalg import eigsh
 from support.tiers import stories_except
 
 import fecloth as fc
-from fecloth.integrators.many_steps import many_steps
-from fecloth.simulation.resolve import resolve
-from fecloth.stability import critical_dt, element_bound, estimate, rate_bounds
+from fecloth.stability import rate_bounds
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
 PATTERNS = ["right", "cross", "equilateral", "unstructured"]
-TERMS = {
-    "interpolated": [fc.StVK()],
-    "pointwise": [fc.StVK(strain="pointwise")],
-    "plate": [fc.StVK(), fc.PlateBending()],
-    "stiff plate": [fc.StVK(), fc.PlateBending()],
-    "damped": [
-        fc.StVK(),
-        fc.PlateBending(),
-        fc.StrainRateDamping(1e-4),
-        fc.BendingDamping(1e-3),
-        fc.MassDamping(2.0),
-    ],
-}
 
 
 def square(pattern, h, **options):
@@ -35,9 +18,11 @@ def square(pattern, h, **options):
 
 def test_masses_are_the_scaled_diagonal_of_the_consistent_ones():
     """1/19 at corners, 16/57 at midpoints; two densities keep the mass of each triangle."""
-    one = fc.Cloth.from_arrays([(0, 0), (2, 0), (0, 1)], [(0, 1, 2)], renumber=False, element="P2")
-    found = one.mass("lumped", np.array([3.0])).diagonal()[one.stencil[0]]
-    np.testing.assert_allclose(found, 3.0 * np.array([3, 3, 3, 16, 16, 16]) / 57, rtol=1e-13)
+    triangle = fc.Cloth.from_arrays(
+        [(0, 0), (2, 0), (0, 1)], [(0, 1, 2)], renumber=False, element="P2"
+    )
+    computed = triangle.mass("lumped", np.array([3.0])).diagonal()[triangle.stencil[0]]
+    np.testing.assert_allclose(computed, 3.0 * np.array([3, 3, 3, 16, 16, 16]) / 57, rtol=1e-13)
     cloth = square("unstructured", 0.3)
     density = np.linspace(0.1, 0.4, len(cloth.triangles))
     lumped, consistent = (cloth.mass(kind, density) for kind in ("lumped", "consistent"))
@@ -71,54 +56,6 @@ def test_frequencies_of_a_taut_square(pattern):
     np.testing.assert_allclose(np.log2(coarse / fine), 4, atol=0.15)
 
 
-def growth(system, method, dt, steps):
-    """Largest displacement after small random ones, over theirs; infinite if a step fails."""
-    rest, size = system.rest(), 1e-6
-    noise = size * np.random.default_rng(0).standard_normal(rest.x.shape)
-    start = system.state(system.constraints.hold(rest.x + noise, rest.x))
-    try:
-        end = list(fc.march(system, method, start, dt, steps * dt))[-1][0]
-    except fc.StepFailed:
-        return np.inf
-    return np.abs(end.x - rest.x).max() / size
-
-
-@pytest.mark.parametrize("terms", TERMS)
-@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "unstructured"))
-def test_steps_are_stable_up_to_the_limit(pattern, terms):
-    """A small motion stays small below the limit and explodes above; the bound is close to it."""
-    fabric = replace(FABRIC, bending_rigidity=10.0) if terms == "stiff plate" else FABRIC
-    system = fc.System(square(pattern, 0.25), fabric, TERMS[terms], ["left"], "lumped")
-    for kind in (fc.SymplecticEuler, fc.CentralDifference):
-        limit = critical_dt(system, system.rest(), kind())
-        bound = element_bound(system, kind())
-        assert estimate(system, system.rest(), kind()) == pytest.approx(limit, rel=0.03)
-        assert bound <= limit < (2.2 if terms == "stiff plate" else 1.35) * bound
-        assert growth(system, kind(), 0.95 * limit, 100) < 20
-        assert growth(system, kind(beyond_limit=True), 1.05 * limit, 200) > 1e3
-
-
-@pytest.mark.stories
-def test_forward_euler_is_stable_up_to_its_limit():
-    damped = [fc.StVK(), fc.PlateBending(), fc.StrainRateDamping(0.002), fc.BendingDamping(0.02)]
-    system = fc.System(square("right", 0.5), FABRIC, damped, ["left"], "lumped")
-    limit = critical_dt(system, system.rest(), "forward_euler")
-    for share, is_stable in ((0.95, True), (1.05, False)):
-        method = fc.ForwardEuler(beyond_limit=True)
-        assert (growth(system, method, share * limit, 2000) < 20) == is_stable
-
-
-@pytest.mark.parametrize("terms", [TERMS["damped"][:4], [fc.StVK(strain="pointwise")]], ids=len)
-def test_free_fall_is_rigid(terms):
-    """Weight is shared among the nodes as mass is."""
-    cloth = square("unstructured", 0.3)
-    system = fc.System(cloth, FABRIC, [*terms, fc.Gravity()], mass="lumped")
-    start, dt = system.rest(), 0.5 * element_bound(fc.System(cloth, FABRIC, terms, mass="lumped"))
-    end = fc.run(system, fc.CentralDifference(), start, dt, 100 * dt).state
-    fall = [0, 0, -0.5 * 9.81 * end.t**2]
-    np.testing.assert_allclose(end.x - start.x, np.tile(fall, (len(end.x), 1)), atol=1e-12)
-
-
 def test_mass_damping_and_forces_per_mass_are_shared_as_mass_is():
     system = fc.System(square("cross", 0.5), FABRIC, [fc.MassDamping(3.0)], mass="lumped")
     v = np.random.default_rng(0).standard_normal((len(system.cloth.X), 3))
@@ -128,22 +65,3 @@ def test_mass_damping_and_forces_per_mass_are_shared_as_mass_is():
     assert rate_bounds(system) == pytest.approx((0.0, 3.0), rel=1e-13)
     pull = fc.System(system.cloth, FABRIC, [fc.UserForce((0, 0, 5.0), per="mass")], mass="lumped")
     np.testing.assert_allclose(pull.force(pull.rest())[:, 2], 5.0 * pull.nodal_mass, rtol=1e-13)
-
-
-@pytest.mark.parametrize("strain", ["pointwise", "interpolated"])
-def test_many_steps_are_those_of_central_differences(strain):
-    terms = [fc.StVK(strain=strain), fc.Gravity()]
-    system = fc.System(square("unstructured", 0.25), FABRIC, terms, ["left"], "lumped")
-    dt = 0.5 * element_bound(system, "central_difference")
-    slow = list(fc.march(system, fc.CentralDifference(), system.rest(), dt, 50 * dt))[-1][0]
-    for threads in (1, 2):
-        fast = many_steps(system, system.rest(), dt, 50, threads)
-        np.testing.assert_allclose(fast.x, slow.x, atol=1e-13)
-
-
-def test_auto_may_choose_explicit_steps():
-    """A soft sheet that moves with its own waves: the explicit method is cheaper."""
-    system = fc.System(square("right", 0.1), FABRIC, [fc.StVK()], ["left"], "lumped")
-    start = system.state(1.02 * system.rest().x)
-    choice, _, why = resolve(system, fc.Auto(1e-3), start, 0.2)
-    assert isinstance(choice.method, fc.CentralDifference), why

@@ -36,30 +36,6 @@ def test_committed_geometries(name, groups, area):
     assert quality(mesh.X, mesh.triangles).min() > 0.5
 
 
-def test_points_and_surfaces_become_node_sets():
-    flag = read(MESHES / "flag.geo", h=0.2)
-    assert flag.X[flag.node_sets["hoist_top"]].tolist() == [[0, 1]]
-    assert flag.X[flag.node_sets["hoist_bottom"]].tolist() == [[0, 0]]
-    assert flag.node_sets["sheet"].tolist() == list(range(len(flag.X)))
-    assert "sheet" not in flag.edge_sets
-    disk_file = read(MESHES / "disk.geo", h=0.2)
-    assert disk_file.X[disk_file.node_sets["centre"]].tolist() == [[0, 0]]
-
-
-def test_graded_mesh_sizes_differ_by_a_factor_of_ten():
-    mesh = read(MESHES / "graded.geo", h=0.01)
-    size = np.sqrt(areas(mesh))
-    middle = np.linalg.norm(mesh.X[mesh.triangles].mean(axis=1), axis=1)
-    assert 6 < size[middle > 1.2].mean() / size[middle < 0.05].mean() < 14
-
-
-@pytest.mark.parametrize("name", stories_except(["square", "flag", "graded"], "square"))
-def test_h_sets_the_size(name):
-    sizes = (0.016, 0.008) if name == "graded" else (0.08, 0.04)
-    coarse, fine = (read(MESHES / f"{name}.geo", h=h) for h in sizes)
-    assert 3 < len(fine.triangles) / len(coarse.triangles) < 5
-
-
 def geo(tmp_path, old="", new="", extra=""):
     text = (MESHES / "square.geo").read_text()
     assert old in text
@@ -98,11 +74,6 @@ def test_groups_without_name_or_entities_and_shared_groups(tmp_path):
     empty = geo(tmp_path, extra='Physical Curve("ghost") = {};\n')
     rejects(["curve group 'ghost' is empty", "s.geo"], empty, by=read)
     rejects(["'lost' is empty"], geo(tmp_path, extra='Physical Point("lost") = {99};\n'), by=read)
-
-
-def test_a_file_may_define_its_own_boundary(tmp_path):
-    mesh = read(geo(tmp_path, '"left"', '"boundary"'))
-    assert length(mesh, "boundary") == pytest.approx(1)
 
 
 def test_construction_points_and_curves_are_dropped_unless_named(tmp_path):
@@ -206,13 +177,6 @@ def test_round_trip_through_meshio(tmp_path, suffix):
     assert np.array_equal(back.edge_sets["boundary"], mesh.edge_sets["boundary"])
 
 
-def test_stl_nodes_are_merged(tmp_path):
-    mesh = rectangle(1.0, 0.5, 0.25, "cross")
-    back = read(saved(tmp_path, "s.stl", [("triangle", mesh.triangles)], mesh.X))
-    assert len(back.X) == len(mesh.X)
-    assert areas(back).sum() == pytest.approx(0.5)
-
-
 def test_meshio_sets_through_a_file(tmp_path):
     cells = [("line", [[0, 1], [1, 2]]), ("triangle", QUAD_T)]
     sets = {"cell_sets": {"half": [[], [1]], "side": [[1], []]}, "point_sets": {"pin": [3]}}
@@ -221,30 +185,6 @@ def test_meshio_sets_through_a_file(tmp_path):
     assert mesh.node_sets["half"].tolist() == [0, 2, 3]
     assert mesh.edge_sets["side"].tolist() == [[1, 2]]
     assert mesh.node_sets["boundary"].tolist() == [0, 1, 2, 3]
-
-
-def test_meshio_names_in_field_data():
-    cells = [("line", [[0, 1], [1, 2]]), ("triangle", QUAD_T)]
-    named = meshio.Mesh(
-        np.array(QUAD_X),
-        cells,
-        cell_sets={"half": [[], [1]], "side": [[1], []], "none": [[], []]},
-        cell_data={"gmsh:physical": [[5, 6], [5, 5]]},
-        field_data={"hem": np.array([5, 1]), "sheet": np.array([5, 2])},
-        point_sets={"pin": [3]},
-    )
-    from fecloth.mesh.file_formats import _meshio_sets
-
-    nodes, edges = _meshio_sets(named, "s")
-    assert {name: np.unique(np.concatenate(v)).tolist() for name, v in nodes.items() if v} == {
-        "half": [0, 2, 3],
-        "side": [1, 2],
-        "hem": [0, 1],
-        "sheet": [0, 1, 2, 3],
-        "pin": [3],
-    }
-    assert nodes["none"] == []
-    assert [edges[name][0].tolist() for name in ("side", "hem")] == [[[1, 2]], [[0, 1]]]
 
 
 def test_unused_nodes_of_other_formats_are_rejected(tmp_path):
@@ -286,9 +226,3 @@ def test_a_file_that_meshio_reads_has_a_limit_of_time(tmp_path):
         MeshError, match=r"meshing or reading takes longer: must end within 0\.01 s"
     ):
         read(tmp_path / "sheet.obj", time_limit=0.01)
-
-
-def test_nodes_that_are_not_there_are_refused_in_a_surface(tmp_path):
-    (tmp_path / "sheet.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
-    with pytest.raises(MeshError, match="node 9: must be at most 3"):
-        read_surface(tmp_path / "sheet.obj")

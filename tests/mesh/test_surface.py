@@ -92,60 +92,12 @@ def test_triangles_at_random(sizes):
     assert count_intersections(triangles, x) == expected
 
 
-def rolled(cloth, turns):
-    """A sheet rolled to a cylinder; more than one turn goes through the first, by a slant."""
-    angle = 2 * np.pi * turns * cloth.X[:, 0]
-    radius = 1 + 0.2 * np.cos(2 * angle)
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), cloth.X[:, 1]])
-
-
 def folded(cloth, angle):
     """A sheet folded along X = 0.5, and a wave in one half that reaches through the other."""
     X, Y = cloth.X.T
     beyond = np.maximum(X - 0.5, 0.0)
     z = np.sin(angle) * beyond + 0.04 * np.sin(9 * X) * np.sin(7 * Y) * (X < 0.5)
     return np.column_stack([np.minimum(X, 0.5) + np.cos(angle) * beyond, Y, z])
-
-
-SHEETS = {
-    "flat": (lambda cloth: np.column_stack([cloth.X, 0 * cloth.X[:, 0]]), False),
-    "a cylinder that is open": (lambda cloth: rolled(cloth, 0.9), False),
-    "a cylinder through itself": (lambda cloth: rolled(cloth, 1.3), True),
-    "a fold that is open": (lambda cloth: folded(cloth, 2.0), False),
-    "a fold through itself": (lambda cloth: folded(cloth, 3.1), True),
-}
-
-
-@pytest.mark.parametrize("name", SHEETS)
-@pytest.mark.parametrize("element", ["P1", "P2"])
-def test_a_sheet(name, element):
-    shape, meets = SHEETS[name]
-    cloth = fc.Cloth.rectangle(1.0, 0.4, h=0.12 if element == "P1" else 0.25, element=element)
-    surface, x = Surface.from_cloth(cloth), turned(shape(cloth))
-    expected = count_exactly(surface.triangles, x)
-    assert surface.count_intersections(x) == expected
-    assert (expected > 0) == meets
-
-
-def sphere(cloth):
-    """The sheet as a sphere of longitude and latitude: its sides touch, in a seam and two poles."""
-    longitude, latitude = 2 * np.pi * cloth.X[:, 0], np.pi * (cloth.X[:, 1] - 0.5)
-    ring = np.cos(latitude)
-    points = [ring * np.cos(longitude), ring * np.sin(longitude), np.sin(latitude)]
-    return np.column_stack(points)
-
-
-def test_a_closed_sphere_touches_itself_and_two_spheres_intersect():
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
-    surface, x = Surface.from_cloth(cloth), turned(sphere(cloth))
-    assert surface.count_intersections(x) == 0
-    both = np.concatenate([surface.triangles, surface.triangles + len(x)])
-    for gap, meets in ((2.1, False), (1.7, True)):
-        y = np.concatenate([x, turned(sphere(cloth), seed=8) + gap * np.array([0.6, 0.0, 0.8])])
-        found = count_intersections(both, y)
-        assert (found > 0) == meets
-        if meets:
-            assert found == count_exactly(both, y, both[:, 0] < len(x))
 
 
 @pytest.mark.parametrize("shift", [0.0, 1e4])
@@ -160,13 +112,6 @@ def test_value_of_positions_that_are_not_finite_is_none():
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
     x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
     assert Surface.from_cloth(cloth).count_intersections(np.where(x == 1.0, np.nan, x)) is None
-
-
-@pytest.mark.stories
-def test_value_of_too_many_pairs_is_none():
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.04, pattern="right")
-    x = np.random.default_rng(1).standard_normal((len(cloth.X), 3))
-    assert Surface.from_cloth(cloth).count_intersections(x) is None
 
 
 # --- triangles turned over ------------------------------------------------------------------------

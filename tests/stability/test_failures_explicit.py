@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.linalg
 from conftest import flat
 
 import fecloth as fc
@@ -33,13 +32,13 @@ def explodes(system, dt, steps=1000):
 
 def limits(systems):
     """The predicted limit of each; that the real one lies within 2 % of it is seen here."""
-    found = []
+    computed = []
     for system in systems:
         limit = fc.critical_dt(system, system.rest(), "central_difference")
         assert not explodes(system, 0.98 * limit)
         assert explodes(system, 1.02 * limit)
-        found.append(limit)
-    return np.array(found)
+        computed.append(limit)
+    return np.array(computed)
 
 
 # --- 1: beyond the Courant limit ------------------------------------------------------------------
@@ -48,11 +47,6 @@ def limits(systems):
 def test_the_limit_falls_with_the_mesh_size():
     coarse, fine = limits([sheet_system(h) for h in (0.1, 0.05)])
     assert fine == pytest.approx(coarse / 2, rel=0.01)
-
-
-def test_the_limit_falls_with_the_root_of_the_stiffness():
-    soft, stiff = limits([sheet_system(Y=Y) for Y in (500.0, 8000.0)])
-    assert stiff == pytest.approx(soft / 4, rel=1e-6)
 
 
 @pytest.mark.stories
@@ -65,30 +59,6 @@ def test_where_strain_rate_damping_governs_it_falls_with_the_square_of_the_mesh_
 
 
 # --- 2: forward Euler -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("share", [0.1, 0.05])
-def test_forward_euler_grows_at_the_predicted_rate(share):
-    """√(1 + ω² dt²) a step: half the step only takes twice the time."""
-    system = sheet_system()
-    rest, Z = system.rest(), system.admissible
-    K, M = (Z.T @ A @ Z for A in (system.stiffness(rest), system.mass))
-    values, modes = scipy.linalg.eigh(K.toarray(), M.toarray())
-    omega, shape = np.sqrt(values[-1]), (Z @ modes[:, -1]).reshape(-1, 3)
-    dt, steps = 2 * share / omega, round(2 / share**2)
-    start = system.state(rest.x + 1e-7 * shape)
-
-    def growth(method):
-        *_, (end, _) = fc.march(system, method, start, dt, steps * dt)
-        weight = system.nodal_mass[:, None] * shape  # shape·M shape = 1
-        return np.hypot(np.vdot(weight, end.x - rest.x), np.vdot(weight, end.v) / omega) / 1e-7
-
-    assert fc.critical_dt(system, rest, "forward_euler") == 0.0
-    grown = growth(fc.ForwardEuler(beyond_limit=True))
-    assert np.log(grown) == pytest.approx(0.5 * steps * np.log(1 + (omega * dt) ** 2), rel=1e-3)
-    assert grown > 30
-    for remedy in (fc.SymplecticEuler(), fc.CentralDifference()):
-        assert growth(remedy) < 1.2
 
 
 # --- 7: slivers -----------------------------------------------------------------------------------
@@ -106,67 +76,16 @@ def with_a_sliver(height):
 @pytest.mark.stories
 def test_a_sliver_sets_the_step_of_the_whole_cloth():
     """Its stiffness goes like base/height, its nodes have the mass of their other triangles."""
-    good = limits([sheet_system()])[0]
+    regular = limits([sheet_system()])[0]
     slivers = limits([sheet_system(cloth=with_a_sliver(h)) for h in (0.01, 0.0025)])
-    assert slivers[0] < 0.5 * good
+    assert slivers[0] < 0.5 * regular
     assert slivers[1] == pytest.approx(slivers[0] / 2, rel=0.02)  # √height
     system = sheet_system(cloth=with_a_sliver(0.0025))
     with pytest.raises(fc.InputError, match=f"must be at most {slivers[1]:.4g} s"):
-        next(fc.march(system, fc.CentralDifference(), system.rest(), good, 1.0))
-    for method, dt in ((fc.CentralDifference(), None), (fc.BackwardEuler(), good)):
+        next(fc.march(system, fc.CentralDifference(), system.rest(), regular, 1.0))
+    for method, dt in ((fc.CentralDifference(), None), (fc.BackwardEuler(), regular)):
         *_, (end, _) = fc.march(system, method, noisy(system), dt, 0.1)
         assert abs(end.x - flat(system.cloth)).max() < 100 * TINY
 
 
 # --- 10: a pin moved faster than the step resolves ------------------------------------------------
-
-FREQUENCY = 10.0  # Hz
-
-
-def shaken(start=0.0):
-    """A small sheet, whose left edge moves by 2 cm (1 − cos 2πft) from the time `start` on."""
-
-    def motion(t):
-        return [0.0, 0.0, 0.02 * (1 - np.cos(2 * np.pi * FREQUENCY * max(t - start, 0.0)))]
-
-    cloth = fc.Cloth.rectangle(0.4, 0.2, h=0.1, pattern="cross")
-    fabric = fc.Fabric(0.2, 100.0, 0.3)
-    terms = [fc.StVK(), fc.StrainRateDamping(0.01), fc.MassDamping(5.0)]
-    system = fc.System(cloth, fabric, terms, pins=[fc.Pin("left", motion), "right"])
-    return system, system.state(flat(cloth) * [1.02, 1.0, 1.0])
-
-
-def deflections(system, start, method, dt, times):
-    marching = fc.march(system, method, start, dt, times[-1], stops=times)
-    steps = [(state, info) for state, info in marching]
-    z = [system.nodal_mass @ s.x[:, 2] for s, _ in steps if s.t in times]
-    return np.array(z) / system.nodal_mass.sum(), steps
-
-
-@pytest.mark.stories
-def test_a_pin_sampled_once_a_period_stands_still():
-    system, start = shaken()
-    times, method = np.arange(1, 6) / FREQUENCY, fc.ImplicitMidpoint()
-    resolved, _ = deflections(system, start, method, 5e-4, times)
-    errors = []
-    for parts in (1, 8, 64):
-        found, _ = deflections(system, start, method, 1 / FREQUENCY / parts, times)
-        errors.append(abs(found - resolved).max() / abs(resolved).max())
-    print("errors at 1, 8 and 64 steps a period", errors)
-    assert errors[0] == pytest.approx(1.0, abs=1e-6)  # nothing moved at all
-    assert 0.02 < errors[1] < 0.5
-    assert errors[2] < 0.01
-
-
-@pytest.mark.stories
-def test_adaptive_steps_are_shortened_when_a_pin_starts_to_move():
-    system, start = shaken(0.25)
-    times = np.array([0.31, 0.39, 0.45])
-    resolved, _ = deflections(system, start, fc.ImplicitMidpoint(), 5e-4, times)
-    adaptive = fc.Adaptive(fc.ImplicitMidpoint(), rtol=1e-2)
-    found, steps = deflections(system, start, adaptive, None, times)
-    before = [info.dt for state, info in steps if state.t < 0.25]
-    after = [info.dt for state, info in steps if state.t > 0.26]
-    assert sum(info.counts.rejected for _, info in steps) > 0
-    assert max(after) < max(before)
-    assert abs(found - resolved).max() < 0.01 * abs(resolved).max()

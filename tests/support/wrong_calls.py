@@ -14,6 +14,8 @@ from fecloth import study as study
 from fecloth.homogenisation import bending_tensor as bending_tensor
 from fecloth.homogenisation import strip_rigidity as strip_rigidity
 from fecloth.integrators.protocol import MethodTraits as MethodTraits
+from fecloth.mesh.flat_mesh import FlatMesh as FlatMesh
+from fecloth.mesh.grading import Grading as Grading
 from fecloth.quantities.columns import factor_to_si as factor_to_si
 from fecloth.quantities.formula import Formula as Formula
 from fecloth.quantities.units import AREAL as AREAL
@@ -43,6 +45,7 @@ ISOTROPIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio
 ORTHOTROPIC = fc.Fabric(0.15, (2000.0, 900.0), 0.2, shear_stiffness=60.0)
 BENDING = fc.Fabric(0.15, 1000.0, bending_rigidity=1e-5)
 TURN = fc.Rotation((0, 0, 0), (0, 0, 1), "t")
+FLOOR = fc.shapes.Plane((0, 0, -1), (0, 0, 1))
 SHEET = {"E": 2e5, "nu": 0.3, "thickness": 5e-4, "rho": 400.0}
 
 
@@ -106,6 +109,29 @@ BDF2 = fc.BDF2()
 
 def marched(system=SYSTEM, method=BDF2, state=START, dt=0.01, t_end=0.02, **options):
     return fc.run(system, method, state, dt, t_end, **options)
+
+
+# a cloth of regions, readings of instruments, uncertainties, and the arrays of a square
+GRID = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+BODY = {"body": np.arange(8), "hem": np.arange(8, 16), "all": np.arange(16)}
+REGIONS = fc.Cloth.from_arrays(GRID.X, GRID.triangles, regions=BODY, renumber=False)
+KES = {"W": 20.0, "EMT": (4.0, 6.0), "LT": (0.65, 0.6), "G": (0.9, 0.7), "WT": (6.5, 9.0)}
+KES |= {"B": (0.12, 0.08)}
+FAST = {"W": 168, "E100": (4.60, 5.87), "EB5": 4.7, "C": (15.00, 14.50)}
+UNCERTAIN = {"tensile_stiffness.0": "0.12 N/cm", "shear_stiffness": "5 %"}
+QUAD_X, QUAD_T = [[0.0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
+
+
+def regions(fabric, **options):
+    return fc.System(REGIONS, fabric, [fc.StVK()], **options)
+
+
+def uncertain(table):
+    return fc.Fabric(0.2, 1000.0, uncertainty=table)
+
+
+def mesh(X=QUAD_X, triangles=QUAD_T, where="sheet", **options):
+    return FlatMesh.from_arrays(X, triangles, where=where, **options)
 
 
 # what a run has recorded, and problems of studies

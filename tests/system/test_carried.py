@@ -5,8 +5,7 @@ import pytest
 from conftest import flat
 
 import fecloth as fc
-from fecloth.system.carried import carry, carry_piece
-from fecloth.system.pieces import Piece
+from fecloth.system.carried import carry
 
 CLOTH = fc.Cloth.rectangle(0.3, 0.1, h=0.05)
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
@@ -68,32 +67,3 @@ def test_a_cloth_between_two_grips_that_move_alike_does_not_crumple(way):
     carried = hung[0].x + hung[1].x[CLOTH.nodes("left")[0]] - [*CLOTH.X[CLOTH.nodes("left")[0]], 0]
     np.testing.assert_allclose(hung[1].x, carried, atol=1e-7)
     assert hung[1].iterations <= hung[0].iterations + 2
-
-
-def carried_node(place, held, target):
-    """Where a free node at `place` goes as the held nodes go to the target."""
-    x = np.vstack([held, place])
-    piece = Piece(slice(None), np.arange(len(held)), np.tile(np.eye(3), (len(held), 1, 1)))
-    return carry_piece(piece, x, np.vstack([target, place]))[-1]
-
-
-@pytest.mark.parametrize(("part", "turns"), [(0.8, True), (1.25, False)])
-def test_a_node_goes_along_up_to_four_times_the_way_of_the_held_ones(part, turns):
-    """Two nodes turn by 0.5 rad about the point between them, and a third one by its side."""
-    held = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
-    c, s = np.cos(0.5), np.sin(0.5)
-    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    place = np.array([4.0 * part, 0.0, 0.0])
-    end = carried_node(place, held, held @ R.T)
-    np.testing.assert_allclose(end, R @ place if turns else place, atol=1e-9)
-
-
-@pytest.mark.parametrize(("part", "turns"), [(0.1, False), (10.0, True)])
-def test_nodes_on_a_line_to_a_millionth_tell_no_rotation_about_it(part, turns):
-    """They are lifted by 1 m; the one beside the line also goes a quarter round it."""
-    beside = part * 1e-6
-    held = np.array([[0.0, -0.5, 0.0], [0.0, 0.5, 0.0], [beside, 0.0, 0.0]])
-    target = held + [0.0, 0.0, 1.0]
-    target[2] = [0.0, 0.0, 1.0 + beside]
-    end = carried_node(np.array([1.0, 0.0, 0.0]), held, target)
-    assert (abs(end - [1.0, 0.0, 1.0]).max() > 0.1) == turns

@@ -61,15 +61,6 @@ def test_pins_that_differ_may_not_meet(other, small):
     assert len(kept.nodes) == len(apart.nodes)
 
 
-def test_a_pin_may_leave_out_several_sets(small):
-    pins = ["left", "right", fc.Pin("top", ("0", "0", "t"), without=["left", "right"])]
-    top = Constraints.bind(pins, small).groups["top"][1]
-    sides = np.union1d(small.nodes("left"), small.nodes("right"))
-    assert np.array_equal(np.sort(top), np.setdiff1d(small.nodes("top"), sides))
-    with pytest.raises(fc.InputError, match="node set 'side'"):
-        fc.Pin("top", without=["left", "side"]).nodes(small)
-
-
 def test_rows_of_a_motion_are_of_the_nodes_that_are_left(small):
     left = np.setdiff1d(small.nodes("left"), small.nodes("bottom"))
     rows = lambda t: np.outer(np.arange(len(left)), [0.0, 0.0, t])  # noqa: E731
@@ -115,14 +106,6 @@ def test_clamps_that_meet_hold_each_edge_once(small):
     one, other = (fc.System(small, fabric, terms, pins) for pins in (apart, meeting))
     x = rough(small, np.random.default_rng(2))
     assert np.array_equal(one.force(one.state(x)), other.force(other.state(x)))
-
-
-def test_without_pins_all_nodes_are_free(small, rng):
-    constraints = Constraints.bind([], small)
-    y = rng.standard_normal((len(small.X), 3))
-    assert np.array_equal(constraints.project(y.copy()), y)
-    assert np.array_equal(constraints.hold(y, y + 1), y)
-    assert np.array_equal(constraints.free(len(y)), np.arange(3 * len(y)))
 
 
 def projectors_of(ranks, rng):
@@ -177,26 +160,3 @@ def test_projected_matrix_is_the_dense_one(symmetric, sliding, small, rng):
     MatrixProjection.bind(sliding, pattern).apply(A)
     expected = P @ before @ P + (np.eye(3 * n) - P) * s[:, None]
     np.testing.assert_allclose(A.to_scipy().toarray(), expected, rtol=0, atol=1e-13)
-
-
-def test_projected_tangent_of_pinned_nodes(small, isotropic, rng):
-    """Rows and columns of a pinned node are s I; the free part is untouched to the last bit."""
-    system = fc.System(small, isotropic, [fc.StVK()], pins=["left"])
-    J = BlockMatrix.zeros(system.pattern)
-    system.assemble(J, system.state(rough(small, rng)), wx=1.0, wa=3.0)
-    before = J.to_scipy().toarray()
-    after = system.project(J).to_scipy().toarray()
-    free = system.free
-    held = np.setdiff1d(np.arange(len(before)), free)
-    assert np.array_equal(after[np.ix_(free, free)], before[np.ix_(free, free)])
-    assert not after[np.ix_(held, free)].any()
-    assert not after[np.ix_(free, held)].any()
-    s = np.repeat(np.diag(before)[held].reshape(-1, 3).mean(axis=1), 3)
-    np.testing.assert_allclose(after[np.ix_(held, held)], np.diag(s), rtol=1e-14)
-
-
-def test_names_of_pins_are_unique(small):
-    a, b, c = ([node] for node in range(3))
-    pins = [fc.Pin(a, name="a"), fc.Pin(b, name="a.2"), fc.Pin(c, name="a")]
-    constraints = Constraints.bind(pins, small)
-    assert len(constraints.groups) == len(constraints.nodes) == 3

@@ -1,7 +1,5 @@
 """Pins in a run, and their prescribed motion."""
 
-import itertools
-
 import numpy as np
 import pytest
 from conftest import flat
@@ -10,7 +8,6 @@ from support.tiers import MASSES, in_turn
 import fecloth as fc
 from fecloth.integrators import METHODS
 from fecloth.system.constraints import Constraints
-from fecloth.system.motion_rows import MotionRows
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -51,22 +48,6 @@ def test_moved_pin_follows_its_motion(method, mass, small, isotropic):
     expected = start.x[held] + motion(0.32) - motion(0.3)
     np.testing.assert_allclose(end.x[held], expected, rtol=0, atol=4e-15)
     assert np.array_equal(end.v[held], np.tile(velocity(0.32), (len(held), 1)))
-
-
-def test_a_motion_for_each_node_of_a_set(small, isotropic):
-    """(k, 3), in the order of the set's nodes: the edge turns about its lower end."""
-    left = small.nodes("left")
-    height = small.X[left, 1]
-
-    def turn(t):
-        zero = np.zeros_like(height)
-        return np.column_stack([zero, height * np.cos(t), height * np.sin(t)])
-
-    start, end = end_of_run(small, isotropic, [fc.Pin(left, turn)])
-    expected = start.x[left] + turn(0.02) - turn(0.0)
-    np.testing.assert_allclose(end.x[left], expected, rtol=0, atol=1e-15)
-    speed = np.column_stack([0 * height, -height * np.sin(0.02), height * np.cos(0.02)])
-    np.testing.assert_allclose(end.v[left], speed, atol=1e-10)
 
 
 def test_velocity_is_a_central_difference_or_the_argument():
@@ -142,22 +123,6 @@ def test_the_speed_of_formulas_is_exact_and_needs_no_other_time():
     )  # 0 times infinity by the chain rule: a difference quotient
 
 
-def test_a_motion_is_evaluated_once_for_each_time(small, isotropic):
-    times = []
-
-    def motion(t):
-        times.append(t)
-        return [0.0, 0.0, t**2]
-
-    pins = [fc.Pin("left", motion, velocity=lambda t: [0.0, 0.0, 2 * t])]
-    system = fc.System(small, isotropic, [fc.StVK()], pins)
-    target, x = system.constraints.target, system.rest().x
-    times.clear()
-    for step in range(4):
-        target(0.25 * step, 0.25, x)
-    assert times == [0.0, 0.25, 0.5, 0.75, 1.0]
-
-
 GENERAL = ["0.1*(t*Y)**1.5", "0.02*sin(9*t)*(1 - Y)", "0.03*sin(7*t + 2*Y)*where(t < 0.4, t, 0.4)"]
 OF_TIME = ["exp(-t)*(1 + t)**1.7", "0.02*sin(9*t)", "where(t < 0.4, t, 0.4)"]
 
@@ -174,28 +139,3 @@ def test_times_evaluated_at_once_have_the_bits_of_single_ones(motion, nodes, rng
             change = pin.displacement(t) - pin.displacement(0.5 * t)
             assert np.array_equal(path[row].ravel(), change.ravel())
             assert np.array_equal(speed[row].ravel(), pin.speed(t).ravel())
-
-
-@pytest.mark.parametrize("method", [fc.CentralDifference(), fc.SymplecticEuler()], ids=repr)
-def test_rows_of_many_steps_have_the_bits_of_single_steps(method, small, isotropic):
-    system = fc.System(small, isotropic, [fc.StVK()], [fc.Pin("left", GENERAL)])
-    march = fc.march(system, method, system.rest(), 1e-4, 1.0)
-    infos = [info for _, info in itertools.islice(march, 150)]
-    times = np.array([infos[0].old.t, *(info.t for info in infos)])
-    rows = MotionRows.evaluate(system.constraints, times, np.array([i.size for i in infos]))
-    left = system.constraints.nodes
-    assert rows.speed.any()
-    for row, info in zip(rows.speed, infos, strict=True):
-        assert np.array_equal(row, info.result.state.v[left])
-
-
-def test_speeds_that_are_not_finite_are_difference_quotients(small, isotropic):
-    """As of √t³ at 0 by the chain rule."""
-    for motion in (["0.1*Y*log(1.05 - t)", 0, 0], ["0.1*Y*sqrt(1.05 - t)**3", 0, 0]):
-        system = fc.System(small, isotropic, [fc.StVK()], [fc.Pin("left", motion)])
-        ((pin, left),) = system.constraints.groups.values()
-        x, v = system.constraints.target(0.0, 0.1, system.rest().x)
-        change = pin.displacement(0.1) - pin.displacement(0.0)
-        assert change.any()
-        assert np.array_equal(x[left], system.rest().x[left] + change)
-        assert np.array_equal(v[left], pin.speed(0.1))

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.mesh.recovered_strain import EDGES
 from fecloth.system.recovered_stress import (
     along_axes,
     nodal_places,
@@ -77,16 +76,6 @@ def test_the_axes_are_x_and_y_whatever_the_grain(strain):
     assert at[0] == pytest.approx(exact(np.array([[0.4, 0.3]]))[0], rel=1e-3)
 
 
-def test_a_turned_tensor():
-    angle = 0.4
-    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    S = np.array([[3.0, 0.7], [0.7, -1.0]])
-    turned = R @ S @ R.T
-    given = np.array([[[S[0, 0], S[1, 1], S[0, 1]]]])
-    expected = [turned[0, 0], turned[1, 1], turned[0, 1]]
-    assert along_axes(given, np.array([angle]))[0, 0] == pytest.approx(expected)
-
-
 @pytest.mark.parametrize("element", ["P1", "P2"])
 @pytest.mark.parametrize("pattern", ["right", "unstructured"])
 def test_polynomials_are_recovered_exactly_also_at_the_border(element, pattern):
@@ -103,16 +92,6 @@ def test_polynomials_are_recovered_exactly_also_at_the_border(element, pattern):
     along_x, along_y = (matrix @ (x**3 - x * y**2) for matrix in places.matrices)
     assert along_x == pytest.approx(3 * X**2 - Y_**2, abs=1e-9)
     assert along_y == pytest.approx(-2 * X * Y_, abs=1e-9)
-
-
-def test_points_outside_and_cloths_without_a_stress_are_refused():
-    system, _ = solved("P1", 0.5)
-    with pytest.raises(fc.InputError, match=r"stress at \(3, 0\).*0 <= X <= 1 m"):
-        stress_at_point(system, (3.0, 0.0))
-    springs = fc.System(system.cloth, system.fabric, [fc.Springs()])
-    with pytest.raises(fc.InputError, match="no term of Springs has a stress"):
-        stress_at_point(springs, (0.5, 0.5))
-    assert stress_at_nodes(springs) is None
 
 
 MEMBRANES = [
@@ -149,11 +128,6 @@ def test_of_an_even_strain_it_is_the_stress_of_the_triangles(term):
         assert nodes[on] == pytest.approx(np.tile(expected, (on.sum(), 1)))
 
 
-def test_the_matrices_are_made_once_for_all_frames():
-    system, _ = solved("P1", 0.25)
-    assert stress_at_nodes(system).places is stress_at_nodes(system).places
-
-
 def test_where_pieces_overlap_or_fabrics_meet_a_region_is_needed():
     layer = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
     cloth = fc.Cloth.join([layer, layer], ["top", "apron"])
@@ -175,14 +149,6 @@ def test_where_pieces_overlap_or_fabrics_meet_a_region_is_needed():
         stress_at_point(system, (0.5, 0.3))
     sides = [stress_at_point(system, (0.5, 0.3), side)(x)[0, 0] for side in regions]
     assert sides == pytest.approx([Y * 0.105, 2 * Y * 0.105])
-
-
-def test_midpoints_lie_between_the_corners_that_count():
-    cloth = fc.Cloth.rectangle(1.0, 0.7, h=0.25, element="P2")
-    corners = cloth.X[cloth.stencil[:, :3]]
-    for a, ends in enumerate(EDGES, start=3):
-        middle = corners[:, ends].mean(axis=1)
-        assert cloth.X[cloth.stencil[:, a]] == pytest.approx(middle)
 
 
 def test_two_membranes_add_up():

@@ -1,6 +1,5 @@
 """Systems made beside a base: the same bits as without it, and only what changed is bound again."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -141,33 +140,6 @@ def test_the_same_arguments_give_the_same_bound_terms_on_an_equal_mesh(name):
     assert_same_bits(beside, make([TERMS[name], fc.Gravity()]))
 
 
-def test_a_number_of_a_term_binds_this_term_alone():
-    terms = [fc.StVK(), fc.Pressure(1.0), fc.Gravity()]
-    other_terms = [fc.StVK(), fc.Pressure(1.1), fc.Gravity()]
-    base = make(terms)
-    beside = make_beside(base, other_terms)
-    assert [new is old for new, old in zip(beside.bound, base.bound, strict=True)] == [
-        True,
-        False,
-        True,
-    ]
-    assert_same_bits(beside, make(other_terms))
-
-
-def test_a_number_of_the_fabric_of_a_region_counts():
-    regions = {"body": FABRIC, "hem": FABRIC}
-    changed = {"body": FABRIC, "hem": replace(FABRIC, tensile_stiffness=950.0)}
-    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity()]
-    base = make(terms, regions)
-    beside = make_beside(base, terms, changed)
-    assert [new is old for new, old in zip(beside.bound, base.bound, strict=True)] == [
-        False,
-        True,
-        True,
-    ]
-    assert_same_bits(beside, make(terms, changed))
-
-
 def exchanged() -> dict[str, fc.Fabric]:
     stiff = replace(FABRIC, tensile_stiffness=950.0)
     return {"body": stiff, "hem": FABRIC}
@@ -195,21 +167,6 @@ def test_other_arguments_give_the_same_bits_too(more):
     terms = [fc.StVK(), fc.PlateBending(rest="start"), fc.MassDamping(1.0), fc.Gravity()]
     assert_same_bits(make_beside(make(terms), terms, **more), make(terms, **more))
     assert_same_bits(make_beside(make(terms, **more), terms), make(terms))
-
-
-def test_another_number_of_terms_is_bound_from_the_beginning():
-    base = make([fc.StVK(), fc.Gravity()])
-    beside = make_beside(base, [fc.StVK()])
-    assert beside.bound[0] is not base.bound[0]
-
-
-def test_a_function_that_is_made_anew_is_another_number():
-    def force(scale: float) -> Callable:
-        return lambda t: (0.0, 0.0, scale)
-
-    base = make([fc.PointForce("corners", force(1.0))])
-    beside = make_beside(base, [fc.PointForce("corners", force(2.0))])
-    assert_same_bits(beside, make([fc.PointForce("corners", force(2.0))]))
 
 
 @pytest.mark.parametrize("name", TERMS)

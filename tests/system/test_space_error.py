@@ -64,9 +64,9 @@ def test_an_equilibrium_and_a_run_say_it():
     result = fc.run(system, fc.BackwardEuler(), state, 1e-4, 3e-4)
     assert result.space_error == fc.space_error(system, result.state).relative > 0.01
     loaded = fc.System(cloth, PLATE, [*terms, fc.Gravity()], [fc.Pin(on_sides)])
-    found = fc.equilibrium(loaded, loaded.state(wavy(cloth)))
-    assert found.space_error == fc.space_error(loaded, found).relative > 0.01
-    assert not found.space_error_reason
+    errors = fc.equilibrium(loaded, loaded.state(wavy(cloth)))
+    assert errors.space_error == fc.space_error(loaded, errors).relative > 0.01
+    assert not errors.space_error_reason
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
@@ -76,7 +76,7 @@ def test_an_equilibrium_and_a_run_say_it():
 def test_the_estimate_does_not_depend_on_the_axes(element, law):
     """The mesh, and its fabric with it, turned in the plane and in space."""
     mesh = square("unstructured", 4)
-    fabric, found = ISOTROPIC if isinstance(law, fc.NeoHookean) else PLATE, []
+    fabric, errors = ISOTROPIC if isinstance(law, fc.NeoHookean) else PLATE, []
     for angle in (0.0, 0.7):
         c, s = np.cos(angle), np.sin(angle)
         X = mesh.X @ np.array([[c, s], [-s, c]])
@@ -84,46 +84,10 @@ def test_the_estimate_does_not_depend_on_the_axes(element, law):
         system = fc.System(cloth, fabric, [law, fc.PlateBending()], grain=angle)
         back = fc.Cloth.from_arrays(mesh.X, mesh.triangles, renumber=False, element=element)
         x = wavy(back) @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-        found.append(fc.space_error(system, system.state(x)))
-    assert found[1].relative == pytest.approx(found[0].relative, rel=1e-9)
-    assert found[1].density == pytest.approx(found[0].density, rel=1e-7)
-    assert found[0].relative > 1e-3
-
-
-@pytest.mark.parametrize("element", ["P1", "P2"])
-def test_an_isotropic_fabric_has_no_grain(element):
-    mesh = square("right", 4)
-    cloth = fc.Cloth.from_arrays(mesh.X, mesh.triangles, renumber=False, element=element)
-    systems = [
-        fc.System(cloth, ISOTROPIC, [fc.StVK(), fc.PlateBending()], grain=angle)
-        for angle in (0.0, 0.7)
-    ]
-    straight, turned = (fc.space_error(one, one.state(wavy(cloth))) for one in systems)
-    assert turned.relative == pytest.approx(straight.relative, rel=1e-9)
-
-
-def test_the_norm_is_that_of_the_moduli_at_the_state():
-    """Blown up by half, a neo-Hookean sheet is far softer than at rest."""
-    cloth = square("right", 6)
-    fabric = fc.Fabric(0.2, 1000.0, 0.5)
-    system = fc.System(cloth, fabric, [fc.NeoHookean()])
-    x = wavy(cloth)
-    x[:, :2] = 1.5 * (cloth.X + 0.02 * cloth.X**2)
-    term = system.bound[0]
-    _, moduli, _ = term.sampled_strain(x)
-    step, direction = 1e-5, np.diag([1.0, 0.0, 0.0])
-    assert (moduli[:, 0] < 0.2 * fc.NeoHookean().moduli(fabric)[0]).all()
-    stretched = [x.copy(), x.copy()]
-    for sign, positions in zip((1, -1), stretched, strict=True):
-        positions += sign * step * x @ direction
-    S = [np.zeros((len(cloth.triangles), 4)) for _ in stretched]
-    E = [term.sampled_strain(positions)[0][:, 0] for positions in stretched]
-    for positions, out in zip(stretched, S, strict=True):
-        term.add_stress(positions, out)
-    change = E[0] - E[1]
-    assert np.abs(change[:, 1]).max() < 1e-9
-    predicted = moduli[:, 0] * change[:, 0] + 2 * moduli[:, 4] * change[:, 2]
-    assert predicted == pytest.approx(S[0][:, 0] - S[1][:, 0], rel=1e-5)
+        errors.append(fc.space_error(system, system.state(x)))
+    assert errors[1].relative == pytest.approx(errors[0].relative, rel=1e-9)
+    assert errors[1].density == pytest.approx(errors[0].density, rel=1e-7)
+    assert errors[0].relative > 1e-3
 
 
 # --- no estimate, and why -------------------------------------------------------------------------
@@ -179,18 +143,6 @@ def test_refused_terms_are_named(why, terms):
     assert str(error) == f"error in space: no estimate, as {error.reason}"
 
 
-def test_loads_and_damping_are_left_out():
-    alone = error_of(fc.StVK(), fc.PlateBending())
-    others = fc.Gravity(), fc.Pressure(3.0), fc.StrainRateDamping(time=0.1)
-    assert error_of(fc.StVK(), fc.PlateBending(), *others).relative == alone.relative
-
-
-def test_a_term_may_say_that_it_stores_no_strain(monkeypatch):
-    monkeypatch.setattr(BoundFoundation, "stores_strain", False, raising=False)
-    alone = error_of(fc.StVK(), fabric=ISOTROPIC)
-    assert error_of(fc.StVK(), Foundation(), fabric=ISOTROPIC).relative == alone.relative
-
-
 def test_a_cloth_at_rest_has_no_estimate():
     cloth = square("unstructured", 5)
     flat = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
@@ -228,10 +180,3 @@ def test_folds_that_the_mesh_resolves_or_that_do_not_matter_are_none():
     assert roughness(cloth, fc.hinge_angles(cloth, wave)) < 0.4
     cloth, x = folded(16, 1, height=0.01)
     assert not folds_at_mesh_size(cloth, x)
-
-
-def test_an_error_above_a_half_is_not_resolved():
-    cloth = square("cross", 4)
-    noise = np.random.default_rng(0).normal(0, 0.01, cloth.X.shape)
-    x = np.column_stack([cloth.X + noise, np.zeros(len(noise))])
-    assert error_of(fc.StVK(), x=x, cloth=cloth).reason.startswith("it is above 50 %")

@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-import scipy.sparse as sparse
 import skfem
-from conftest import affine, rough
+from conftest import rough
 from scipy.sparse.linalg import eigsh
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.reductions import NodeSums
 from fecloth.stability.critical_step import rate_bounds
 
 MASSES = ["lumped", "consistent"]
@@ -51,21 +49,6 @@ def test_force_is_the_sum_over_terms(system, state):
     assert all(abs(f[system.constraints.nodes]).max() > 0 for f in alone)
 
 
-def test_operators_have_all_nodes_and_are_symmetric(system, state):
-    n = 3 * len(system.cloth.X)
-    for operator in (system.stiffness(state), system.damping(state), system.mass):
-        assert operator.shape == (n, n)
-        assert sparse.issparse(operator)
-        assert abs(operator).max() > 0
-        assert abs(operator - operator.T).max() < 1e-13 * abs(operator).max()
-    assert system.symmetric
-    exact = [fc.StVK(), fc.StrainRateDamping(0.01, tangent="exact")]
-    general = fc.System(system.cloth, system.fabric, exact)
-    K = general.stiffness(state)
-    assert not general.symmetric
-    assert abs(K - K.T).max() > 1e-3 * abs(K).max()
-
-
 def test_assembled_matrix_is_the_weighted_sum(system, state):
     J = BlockMatrix.zeros(system.pattern)
     J.values[:] = 7.0  # `assemble` starts from zero
@@ -93,34 +76,6 @@ def test_mass_meets_scikit_fem(sheet, orthotropic):
     np.testing.assert_allclose(lumped.mass.toarray(), np.diag(rows), atol=1e-17)
     np.testing.assert_allclose(np.repeat(lumped.nodal_mass, 3), rows, rtol=1e-12)
     np.testing.assert_allclose(np.repeat(consistent.nodal_mass, 3), rows, rtol=1e-12)
-
-
-@pytest.mark.parametrize("mass", MASSES)
-def test_mass_times_is_the_product_with_the_matrix(sheet, orthotropic, rng, mass):
-    system = fc.System(sheet, orthotropic, [], mass=mass)
-    v = rng.normal(size=system.rest().x.shape)
-    assert np.array_equal(system.mass_times(v), system.scalar_mass @ v)
-
-
-def test_kinetic_energy_of_a_turning_sheet(sheet, orthotropic):
-    """½ ρ ω² ∫ |X|² dA = ½ ρ ω² (w³h + wh³)/3 about a corner, exact for the consistent mass."""
-    x = affine(sheet, np.eye(3)[:, :2])
-    energy = {}
-    for mass in MASSES:
-        system = fc.System(sheet, orthotropic, [], mass=mass)
-        state = system.state(x, np.cross([0, 0, 4.0], x))
-        energy[mass] = system.energies(state)["kinetic"]
-    exact = 0.5 * 0.15 * 16 * (0.6 + 0.6**3) / 3
-    assert energy["consistent"] == pytest.approx(exact, rel=1e-12)
-    assert energy["lumped"] == pytest.approx(exact, rel=0.02)
-    assert energy["lumped"] > exact * (1 + 1e-4)
-
-
-def test_free_dofs_are_all_but_the_pinned(system):
-    held = {3 * i + c for i in system.cloth.nodes("left") for c in range(3)}
-    every = set(range(3 * len(system.cloth.X)))
-    assert set(system.free.tolist()) == every - held
-    assert np.array_equal(system.free, np.sort(system.free))
 
 
 def largest(A, M):
@@ -151,32 +106,6 @@ def test_rate_bounds_are_upper_bounds(shape, mass, orthotropic):
         assert damping < 2.5 * true_damping
 
 
-def test_rest_and_states_are_copies(system):
-    rest = system.rest()
-    assert rest.t == 0
-    assert np.array_equal(rest.x[:, :2], system.cloth.X)
-    assert not rest.x[:, 2].any()
-    assert not rest.v.any()
-    x = rest.x + 1.0
-    state = system.state(x, t=2)
-    x[:] = np.nan
-    assert np.array_equal(state.x, rest.x + 1.0)
-    assert not state.v.any()
-    assert state.t == 2.0
-
-
-@pytest.mark.parametrize("name", ["x", "v"])
-@pytest.mark.parametrize("change", ["short", "flat", "nan", "inf"])
-def test_states_that_are_refused(system, name, change):
-    given = {"x": system.rest().x, "v": system.rest().v}
-    bad = {"short": given[name][1:], "flat": given[name].ravel()}.get(change, given[name])
-    if change in ("nan", "inf"):
-        bad[3, 1] = float(change)
-    said = f"System.state: {name} of shape .*: must be finite and of shape "
-    with pytest.raises(fc.InputError, match=said):
-        system.state(**(given | {name: bad}))
-
-
 @pytest.mark.parametrize("mass", [None, "lumped", "consistent"])
 def test_a_system_can_be_copied_with_a_change(mass):
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
@@ -189,35 +118,6 @@ def test_a_system_can_be_copied_with_a_change(mass):
     assert (turned.mass_kind, turned.grain) == (expected.mass_kind, 0.1)
     assert turned.replace(mass="consistent").mass_kind == "consistent"
     assert turned.replace(terms=[fc.StVK()]).names == ("StVK",)
-
-
-def test_sums_over_parts_of_a_cloth_go_through_one_object(sheet, isotropic, rng):
-    """A process that holds one of two equal halves has half of the energies, terms included."""
-
-    class OfTwoHalves(NodeSums):
-        def total(self, part):
-            return 2 * part
-
-        def dot(self, a, b):
-            return 2 * super().dot(a, b)
-
-    class Half(fc.System):
-        sums = OfTwoHalves()
-
-    terms = [fc.StVK(), fc.Gravity(), fc.TensorCondition(3.0)]
-    half, whole = Half(sheet, isotropic, terms), fc.System(sheet, isotropic, terms)
-    state = whole.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
-    expected = {name: 2 * energy for name, energy in whole.energies(state).items()}
-    assert half.energies(state) == expected
-    assert half.total_mass == 2 * whole.total_mass == pytest.approx(2 * 0.2 * 0.6)
-
-
-def test_the_operators_can_be_sliced(sheet, isotropic):
-    """The block of one degree of freedom, by NumPy's rules."""
-    system = fc.System(sheet, isotropic, [fc.StVK(), fc.StrainRateDamping(0.1)])
-    for A in (system.stiffness(system.rest()), system.damping(system.rest()), system.mass):
-        d = system.free[:7]
-        np.testing.assert_array_equal(A[d][:, d].toarray(), A.toarray()[np.ix_(d, d)])
 
 
 def test_the_arguments_of_a_system_do_not_change():

@@ -142,8 +142,3 @@ def test_traits_are_those_of_the_class_or_of_plain_attributes():
 
     with pytest.raises(fc.InputError, match="Wrong.traits = 'bending': must be a TermTraits"):
         traits_of(Wrong())
-    with pytest.raises(fc.InputError, match="kind = 'bend': must be one of"):
-        TermTraits(kind="bend")
-    for elements in ("P1", ("P3",), ()):
-        with pytest.raises(fc.InputError, match="elements = .*: must be "):
-            TermTraits(elements=elements)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
 from support.local_link import LocalLink
 from support.own_terms import OWN, Breeze, Ribs, Rubber, Syrup
@@ -15,13 +14,9 @@ from fecloth.scene.scene import load_scene
 from fecloth.simulation.setup import Setup
 from fecloth.study.orders import find_obstacles
 from fecloth.study.problem import StudyProblem
-from fecloth.study.term_variants import simpler_terms
-from studies.evidence.simplify.numbers import Numbers, table
-from studies.evidence.simplify.predictions import find_limits, predict_change
 
 FABRIC = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
 TERMS = (Rubber(), Ribs(), Syrup(), Breeze())
-TIP = [fc.Probe("tip", "right")]
 SCENE = """
 cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25, pattern = "right" }
 fabric = { areal_density = 0.2, tensile_stiffness = 1000.0, bending_rigidity = 1e-5 }
@@ -45,11 +40,6 @@ def scene(tmp_path):
     path = tmp_path / "own.toml"
     path.write_text(SCENE)
     return load_scene(path, terms=OWN)
-
-
-@pytest.mark.parametrize("term", [Ribs(), Syrup(), Rubber()])
-def test_their_derivatives_are_checked_as_those_of_the_package(term):
-    fc.verify.check_term(term, scales=[1.0])
 
 
 # --- check and info: the warnings and lines before a run ------------------------------------------
@@ -105,81 +95,7 @@ def test_chart_replaces_a_membrane_of_its_own(scene):
     assert types == ["StVK", *list(OWN)[1:], "Gravity"]
 
 
-def own_or_not(h, model="StVK"):
-    return strip(h, terms=[OWN[model]() if model in OWN else fc.StVK(), Breeze()])
-
-
-@pytest.mark.stories
-def test_chart_of_a_function_has_its_models():
-    found = fc.study.chart(
-        *(own_or_not, "tip.z"),
-        models=["Rubber", "StVK"],
-        h=0.25,
-        probes=TIP,
-        meshes=1,
-        t_end=0.02,
-        seconds=25,
-    )
-    assert set(found.table["model"]) == {"Rubber", "StVK"}
-
-
-@pytest.mark.stories
-def test_simplify_of_a_function_leaves_out_and_replaces_what_the_traits_say():
-    def light(h, dt=0.01):
-        return strip(h, dt, (Rubber(), Ribs(1e-9), Syrup(1e-9), Breeze()))
-
-    run = {"h": 0.25, "dt": 0.01, "t_end": 0.05, "probes": TIP, "repeats": 1}
-    found = fc.study.simplify(light, "5%", "tip.z", **run)
-    verdicts = {str(row["variant"]): row["verdict"] for row in found.table}
-    assert verdicts.keys() >= {f"without {name}" for name in OWN}
-    assert verdicts.keys() >= {"Springs for Rubber", "QuadraticBending for Ribs"}
-    assert "Syrup" not in found.reduced.splitlines()[0]
-
-
-def test_predictions_of_a_scene_know_its_terms(scene):
-    numbers = Numbers.of(scene)
-    assert numbers.rigidity == 1e-5
-    assert numbers.dampings == ("Syrup",)
-    assert numbers.decay("Syrup") == pytest.approx(0.5 * 2.0 * 0.5)
-    assert numbers.loads.keys() == {"Breeze", "Gravity"}
-    assert ("Syrup · slowest period", "2π c/ω") in {
-        (row["number"], row["formula"]) for row in table(numbers)
-    }
-    assert not [words for words in find_limits(numbers) if "no formula" in words]
-    variants = simpler_terms(StudyProblem.of(scene))
-    change = {variant.name: predict_change(variant, numbers) for variant in variants}
-    assert change["without Rubber"] == 1.0
-    assert change["without Ribs"] == pytest.approx(min(1.0, numbers.without_bending()))
-    assert change["without Syrup"] == pytest.approx(1 - np.exp(-0.5))
-    assert change["without Breeze"] == pytest.approx(numbers.loads["Breeze"] / numbers.w)
-
-
-@pytest.mark.stories
-def test_tune_chooses_the_mesh_of_a_function_with_them():
-    def pushed(h):
-        cloth = fc.Cloth.rectangle(0.5, 0.5, h, pattern="cross")
-        system = fc.System(cloth, FABRIC, [Rubber(), Ribs(), Breeze(5.0)], pins=["left"])
-        return cloth, system, None, system.rest()
-
-    tuned = fc.tune(pushed, "20%", "tip.y", h=0.125, probes=TIP)
-    assert tuned.proved
-
-
 # --- several processes ----------------------------------------------------------------------------
-
-
-def test_several_processes_share_them():
-    cloth = fc.Cloth.rectangle(6.0, 0.25, 0.1)
-    x, v = np.random.default_rng(1).normal(size=(2, len(cloth.X), 3)) * [[[0.004]], [[0.3]]]
-    x += np.column_stack([*cloth.X.T, 0.05 * np.sin(7 * cloth.X[:, 0])])
-    whole = fc.System(cloth, FABRIC, TERMS, ["left"])
-    apart = DistributedSystem(cloth, FABRIC, TERMS, ["left"], link=LocalLink(2))
-    state = whole.state(x, v)
-    np.testing.assert_allclose(apart.force(state), whole.force(state), rtol=1e-9, atol=1e-11)
-    ours, theirs = apart.energies(state), whole.energies(state)
-    assert ours == pytest.approx(theirs, rel=1e-11)
-    for one, other in zip(apart.bound, whole.bound, strict=True):
-        assert one.power(x, v, 0.0) == pytest.approx(other.power(x, v, 0.0), rel=1e-11)
 
 
 @dataclass(frozen=True)

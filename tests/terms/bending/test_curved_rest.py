@@ -41,18 +41,6 @@ def centre(turn):
     return px, 0.0, pz
 
 
-def jittered(n, element, seed):
-    """A strip whose inner corners are moved by up to 0.22 h, however its nodes are numbered."""
-    h = 1 / n if element == "P1" else 2 / n
-    cloth = fc.Cloth.rectangle(1.0, 0.5, h, "right")
-    X = cloth.X.copy()
-    inside = np.setdiff1d(np.arange(len(X)), cloth.nodes("boundary"))
-    inside = inside[np.lexsort(np.round(X[inside] / h).T)]
-    X[inside] += np.random.default_rng(seed).uniform(-0.22, 0.22, (len(inside), 2)) * h
-    ends = {name: cloth.nodes(name) for name in ("left", "right")}
-    return fc.Cloth.from_arrays(X, cloth.triangles, ends, element=element)
-
-
 def flat_energy(cloth, rest="start"):
     """Energy of the opened strip over B/(2R²) times its area."""
     system, start = opened(cloth, rest)
@@ -74,18 +62,6 @@ def test_curved_rest_shape_stores_B_over_2_R2_when_opened_flat(pattern, element)
         assert max(errors) < 1e-12
         return
     assert np.log2(errors[0] / errors[2]) / 2 == pytest.approx(2.0, abs=0.15)
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("element", ["P1", "P2"])
-def test_the_order_on_jittered_meshes_is_that_of_their_mean(element):
-    """The error of a mesh depends on its random moves, that of 20 edges by a quarter."""
-    means = []
-    for n in (40, 160):
-        energies = [flat_energy(jittered(n, element, seed)) for seed in range(6)]
-        means.append(np.abs(np.array(energies) - 1).mean())
-    assert means[0] < 1e-3 / 4
-    assert np.log2(means[0] / means[1]) / 2 == pytest.approx(2.0, abs=0.15)
 
 
 def test_rest_angles_are_those_of_the_start():

@@ -1,20 +1,16 @@
 """`BendingFriction` in runs: heat, steps in time and of loads, explicit limits, scenes."""
 
 import warnings
-from itertools import pairwise
 
 import meshio
 import numpy as np
 import pytest
-from support.rundirs import restart_at
 from support.tiers import stories_except
 
 import fecloth as fc
-from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.integrators import METHODS
 from fecloth.nonlinear.newton import StageEquation
-from fecloth.runs import restart
-from fecloth.scene.scene import Scene, scene_of
-from fecloth.simulation.load_steps import LoadSteps
+from fecloth.scene.scene import Scene
 from fecloth.stability.critical_step import critical_dt, rate_bounds
 from fecloth.stability.lanczos_estimate import estimate
 
@@ -60,69 +56,6 @@ def test_a_step_lowers_a_potential_whose_slope_is_its_residual(method, rng):
         residual = np.vdot(equation.residual(q, 1.0)[0], 2 * step)
         assert slope == pytest.approx(residual, rel=1e-5)
     assert over.bound[2].dissipation(equation.stage.at(q)[0]) > 0.0
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("name", ["backward_euler", "bdf2", "newmark", "implicit_midpoint"])
-def test_the_remainder_of_other_methods_falls_with_dt(name):
-    """The stored energy is not quadratic where a slider begins to slide."""
-    remainders = []
-    for dt in (4e-3, 1e-3):
-        energies = fall(strip(), METHODS[name](), dt).energies
-        remainders.append(np.abs(energies["remainder"]).max())
-    assert remainders[1] < 0.01 * np.ptp(energies["Gravity"])
-    assert remainders[1] < 0.3 * remainders[0]
-
-
-def test_an_arc_that_opens_against_damping():
-    """Without a potential Newton's iteration ran in circles in the third step."""
-    cloth = fc.Cloth.rectangle(0.04, 0.01, h=0.0025, pattern="right")
-    fabric = fc.Fabric(0.163, 1000.0, bending_rigidity=6.57e-6, bending_hysteresis=3.236e-4)
-    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(), fc.MassDamping(20.0)]
-    system = fc.System(cloth, fabric, terms, [fc.Pin("left", clamp=True)])
-    X, Y = cloth.X.T
-    start = system.state(np.column_stack([np.sin(50 * X) / 50, Y, (1 - np.cos(50 * X)) / 50]))
-    for _, info in fc.march(system, fc.ImplicitMidpoint(), start, 1e-3, 5e-3):
-        assert info.counts.newton < 40
-
-
-@pytest.mark.stories
-def test_steps_in_time_converge_to_the_path():
-    """A strip that falls and swings back: the place at a time, with BDF2."""
-    ends = [fall(strip(), fc.BDF2(), 8e-3 / 2**k, 0.32).state.x for k in range(5)]
-    changes = [np.abs(a - b).max() for a, b in pairwise(ends)]
-    assert changes[0] < 0.1 * L
-    assert changes[3] < 0.6 * changes[2] < 0.36 * changes[1]
-
-
-@pytest.mark.stories
-def test_the_number_of_load_steps_does_not_count_but_their_path_does():
-    """The base of a strip turns up and back; the strip does not return."""
-    turn = fc.Rotation((0, 0, 0), (0, 1, 0), "sin(3.14159265358979*t)")
-    pins = [fc.Pin("left", clamp=True, rotate=turn)]
-    ends = []
-    for steps in (20, 80):
-        system = strip(pins=pins, density=0.01, n=4)
-        run = fc.run(system, LoadSteps(steps), system.rest(), t_end=1.0)
-        ends.append(run.state.x)
-        heat = run.energies["dissipated:BendingFriction"][-1]
-        assert heat > 0
-        assert abs(run.energies["remainder"]).max() < 1e-8 * np.ptp(run.energies["pins"])
-    assert np.abs(ends[0] - ends[1]).max() < 1e-5 * L
-    laid = fc.equilibrium(strip(density=0.01, n=4), strip(n=4).rest())
-    assert np.abs(ends[1] - laid.x).max() > 1e-3 * L
-
-
-@pytest.mark.stories
-def test_a_run_from_an_equilibrium_rests_there_with_what_has_slid():
-    system = strip(density=0.02, n=4)
-    rest = fc.equilibrium(system, system.rest())
-    run = fc.run(system, fc.BDF2(), rest, dt=2e-3, t_end=0.02, solver="direct", newton=TIGHT)
-    assert np.abs(run.state.x - rest.x).max() < 1e-9 * L
-    assert run.energies["BendingFriction"][0] > 1e-9
-    assert run.energies["dissipated:BendingFriction"][-1] < 1e-9 * run.energies["PlateBending"][0]
-    anew = fc.run(system, fc.BDF2(), system.state(rest.x), dt=2e-3, t_end=0.02)
-    assert np.abs(anew.state.x - rest.x).max() > 1e-4 * L
 
 
 def test_modes_about_an_equilibrium_are_of_sliders_that_stick():
@@ -172,44 +105,6 @@ def test_the_stiffness_of_sliders_counts_in_the_limit_of_explicit_steps():
     assert estimate(slid, bent, method) < 1.2 * estimate(stiff, rest, method)
 
 
-@pytest.mark.stories
-def test_explicit_steps_at_the_limit_agree_with_implicit_ones():
-    implicit = fall(strip(), fc.BDF2(), 5e-4, 0.15)
-    explicit = fall(strip(), fc.CentralDifference(), None, 0.15)
-    far = np.abs(implicit.state.x - strip().rest().x).max()
-    assert np.abs(explicit.state.x - implicit.state.x).max() < 0.02 * far
-    work = np.ptp(explicit.energies["Gravity"])
-    assert np.abs(explicit.energies["remainder"]).max() < 1e-3 * work
-
-
-@pytest.mark.parametrize("name", [*METHODS, *EXPLICIT])
-def test_a_run_goes_on_from_a_restart_file_bit_for_bit(name, tmp_path):
-    explicit, system = name in EXPLICIT, strip(n=4)
-    method = EXPLICIT[name](beyond_limit=True) if explicit else METHODS[name]()
-    dt, solver = 1e-4, {} if explicit else {"solver": "direct", "newton": TIGHT}
-    start = system.state(system.rest().x, system.rest().x[:, :1] ** 2 * [0, 0, 400])
-    steps = list(fc.march(system, method, start, dt, 10 * dt, **solver))
-    state, info = steps[4]
-    found = restart.read(restart.write(tmp_path, restart_at(state, info.memory))).progress
-    on = list(fc.march(system, method, found.state, dt, 10 * dt, memory=found.memory, **solver))
-    assert np.array_equal(on[-1][0].x, steps[-1][0].x)
-    ours, theirs = (each[-1][1].result.history[2].curvature for each in (on, steps))
-    assert np.array_equal(ours, theirs)
-    assert np.abs(ours).max() > 0.01
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("name", ["backward_euler", "bdf2", "generalized_alpha"])
-def test_the_ledger_has_the_work_of_clamps_that_turn(name):
-    """The remainder is a small part of their work, as without friction."""
-    turn = fc.Rotation((0, 0, 0), (0, 1, 0), "-1.0*t")
-    system = strip(pins=[fc.Pin("left", clamp=True, rotate=turn)], density=0.02, n=4)
-    energies = fall(system, METHODS[name](), 2e-3, 0.1).energies
-    assert energies["dissipated:BendingFriction"][-1] > 0
-    work = np.abs(np.diff(energies["pins"])).sum() + np.ptp(energies["Gravity"])
-    assert np.abs(energies["remainder"]).max() < 0.02 * work
-
-
 SCENE = {
     "cloth": {"shape": "rectangle", "width": L, "height": 0.05, "h": 0.025, "pattern": "right"},
     "fabric": {
@@ -228,32 +123,6 @@ def scene(hysteresis=2 * HB, **static):
     return Scene.model_validate({**SCENE, "fabric": fabric, "equilibrium": static})
 
 
-@pytest.mark.parametrize(("given", "taken"), [(None, 20), (5, 20), (19, 20), (25, 25)])
-def test_a_scene_takes_at_least_twenty_load_steps(given, taken):
-    static = {} if given is None else {"load_steps": given}
-    assert scene(**static).schedule.steps().load_steps == taken
-    assert scene(0.0, **static).schedule.steps().load_steps == (given or 1)
-
-
-def test_shaken_needs_friction():
-    data = {**SCENE, "terms": [{"type": "StVK"}], "equilibrium": {"friction": "shaken"}}
-    with pytest.raises(fc.SceneError, match="shaken.*needs BendingFriction"):
-        scene_of(data)
-
-
-@pytest.mark.stories
-def test_a_clamp_may_move_in_an_equilibrium(tmp_path):
-    turn = {"point": [0.0, 0.0, 0.0], "axis": [0.0, 1.0, 0.0], "angle": "-0.1*t"}
-    pins = [{"where": "left", "clamp": True, "rotate": turn}]
-    result = fc.run_scene(
-        scene_of({**SCENE, "pins": pins, "equilibrium": {"load_steps": 20}}), tmp_path / "turned"
-    )
-    pin = fc.Pin("left", clamp=True, rotate=fc.Rotation((0, 0, 0), (0, 1, 0), "-0.1*t"))
-    system = strip(pins=[pin])
-    rest = fc.equilibrium(system, system.rest(), load_steps=20)
-    assert result.state.x == pytest.approx(rest.x, abs=1e-8)
-
-
 @pytest.mark.stories
 def test_a_scene_is_laid_or_shaken(tmp_path):
     system = strip()
@@ -268,22 +137,3 @@ def test_a_scene_is_laid_or_shaken(tmp_path):
         assert np.abs(moments).max() == pytest.approx(HB if friction == "laid" else 0, abs=1e-9)
         assert np.abs(cells["slid_curvature"][0]).max() > 1
     assert np.abs(ends["laid"].x - ends["shaken"].x).max() > 1e-3
-
-
-def test_adaptive_steps_begin_each_attempt_from_the_same_record():
-    """A push that the first attempts overlook is taken in shorter steps."""
-
-    def push(x, v, t):
-        return x[:, :1] * [0, 0, 3.0 if t > 0.05 else 0.0]
-
-    plain = strip(0.02 * HB, n=4)
-    system = plain.replace(terms=[*plain.terms[:3], fc.UserForce(push)])
-    adaptive, bound, rejected = fc.Adaptive(fc.BackwardEuler(), rtol=0.05), system.bound[2], 0
-    start = system.rest()
-    record = bound.start_history(start.x, 0.0)
-    for state, info in fc.march(system, adaptive, start, t_end=0.055, newton=TIGHT):
-        record = bound.with_history(record).commit(state.x, state.t)
-        assert np.array_equal(record.curvature, info.result.history[2].curvature)
-        rejected += info.counts.rejected
-    assert rejected > 0
-    assert np.abs(record.curvature).max() > 0.01

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.sparse
-from scipy.sparse.linalg import eigsh
 from support.plates import (
     BENDING,
     PATTERNS,
@@ -15,19 +13,14 @@ from support.plates import (
     transverse,
     uniform_load,
 )
-from support.tiers import in_turn, stories_except
+from support.tiers import stories_except
 
 import fecloth as fc
-from studies.references import plates
 
 ISOTROPIC = fc.Fabric(**BENDING, bending_poisson_ratio=0.3)
 ORTHOTROPIC = fc.Fabric(  # D11, D22, D12, D66 = 4, 1, 0.4, 0.6
     1.0, 1e3, bending_rigidity=(4.0, 1.0), bending_poisson_ratio=0.2, bias_rigidity=2.05
 )
-
-
-def test_rigidity_of_the_orthotropic_fabric():
-    assert ORTHOTROPIC.plate() == pytest.approx(np.array([[4, 0.4, 0], [0.4, 1, 0], [0, 0, 0.6]]))
 
 
 @pytest.mark.parametrize("fabric", [ISOTROPIC, ORTHOTROPIC], ids=["isotropic", "orthotropic"])
@@ -54,19 +47,6 @@ def test_only_affine_deflections_have_no_energy(pattern, fabric):
     assert abs(values[:3]).max() < 1e-8 * values[3]
 
 
-@pytest.mark.parametrize("fabric", [ISOTROPIC, ORTHOTROPIC], ids=["isotropic", "orthotropic"])
-@pytest.mark.parametrize("pattern", PATTERNS)
-def test_force_at_a_corner_twists_a_square_by_P_over_4_D66(pattern, fabric):
-    cloth = square(pattern, 8)
-    X = cloth.X
-    a, b, c, d = (int(np.argmin(np.abs(X - corner).sum(axis=1))) for corner in
-                  ((0, 0), (1, 0), (0, 1), (1, 1)))  # fmt: skip
-    load, held = np.zeros(len(X)), np.zeros(len(X), bool)
-    load[d], held[[a, b, c]] = 1.0, True
-    w = deflection(plate(cloth, fabric), load, held)
-    assert w[d] == pytest.approx(1 / (4 * fabric.plate()[2, 2]), rel=1e-8)
-
-
 def uniformly_loaded(pattern, n, fabric, edges):
     """The cloth, and the deflection of the square under the load 1."""
     cloth = square(pattern, n)
@@ -84,23 +64,6 @@ def at_32(errors):
     return errors.get(32, errors[16] / 4 if 16 in errors else np.nan)
 
 
-@pytest.mark.stories
-@pytest.mark.parametrize(
-    ("pattern", "edges", "limit"),
-    in_turn(PATTERNS, ["supported", "clamped"], [1.5e-3, 1.3e-2]),
-)
-def test_square_under_a_uniform_load_converges_with_order_2(pattern, edges, limit):
-    """The largest error of w at n = 32 over the largest w, against Ritz's method."""
-    errors = {}
-    for n in sizes(pattern):
-        cloth, w = uniformly_loaded(pattern, n, ISOTROPIC, edges)
-        exact = plates.square_deflection(cloth.X, ISOTROPIC.plate(), edges)
-        errors[n] = abs(w - exact).max() / exact.max()
-    assert at_32(errors) < limit
-    first, second = errors.values()
-    assert 1.9 < np.log2(first / second) < 2.2
-
-
 @pytest.mark.parametrize("pattern", stories_except(PATTERNS, "unstructured"))
 def test_orthotropic_supported_square_converges_to_navier(pattern):
     errors = {}
@@ -111,20 +74,6 @@ def test_orthotropic_supported_square_converges_to_navier(pattern):
     assert at_32(errors) < 1.0e-3
     first, second = errors.values()
     assert 1.8 < np.log2(first / second) < 2.3
-
-
-@pytest.mark.parametrize(
-    ("h", "limit"), [(0.05, 5e-3), pytest.param(0.025, 1.3e-3, marks=pytest.mark.stories)]
-)
-def test_clamped_disk_converges_to_its_closed_form(h, limit):
-    errors = []
-    for size in (2 * h, h):
-        cloth = fc.Cloth.disk(1.0, size)
-        system = plate(cloth, ISOTROPIC, [fc.Pin("boundary", clamp=True)])
-        w, exact = deflection(system, uniform_load(cloth)), plates.disk_deflection(cloth.X, 1.0)
-        errors.append(abs(w - exact).max() / exact.max())
-    assert errors[1] < limit
-    assert 1.8 < np.log2(errors[0] / errors[1]) < 2.2
 
 
 @pytest.mark.parametrize(
@@ -139,79 +88,3 @@ def test_supported_disk_sags_as_its_poisson_ratio_says(nu, element, h):
     cloth = fc.Cloth.disk(1.0, h, element=element)
     w = deflection(plate(cloth, fabric, ["boundary"]), uniform_load(cloth)).max()
     assert w == pytest.approx((5 + nu) / (1 + nu) / 64, rel=1e-2)
-
-
-@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "unstructured"))
-def test_free_square_vibrates_at_the_frequencies_of_ritz(pattern):
-    """The first and the third at n = 32, with lumped mass."""
-    exact = plates.square_frequencies(ISOTROPIC.plate(), "free", 3)
-    sizes = (8, 16) if pattern == "graded" else (16, 32)
-    room = 4 if pattern == "graded" else 1
-    errors = []
-    for n in sizes:
-        system = plate(square(pattern, n), ISOTROPIC)
-        M = scipy.sparse.diags(system.nodal_mass).tocsc()
-        squares = eigsh(transverse(system), 6, M, sigma=-1.0, return_eigenvectors=False)
-        errors.append(abs(np.sqrt(np.sort(squares)[3:]) / exact - 1))
-    assert errors[1][0] < 1.8e-3 * room
-    assert errors[1][2] < 4.2e-3 * room
-    assert 1.9 < np.log2(errors[0][0] / errors[1][0]) < 2.1
-
-
-@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "right"))
-def test_energy_of_a_cylinder_across_the_mesh(pattern):
-    """Nodes on a cylinder of 57°, its axis 20° off the X axis: ½ B κ² over the area, order 2."""
-    errors = []
-    for n in (20, 40):
-        cloth = square(pattern, n)
-        system = plate(cloth, ISOTROPIC)
-        x = on_cylinder(cloth.X, 1.0, np.radians(20))
-        inner = 0.5 * ISOTROPIC.plate()[0, 0]
-        # free edges carry no moment, so the energy is taken from the triangles inside
-        errors.append(abs(inner_energy(system, x) / inner - 1))
-    assert errors[0] < 7e-5
-    assert 1.9 < np.log2(errors[0] / errors[1]) < 2.2
-
-
-def on_cylinder(X, radius, turn):
-    """(n, 3) the nodes rolled without stretch on a cylinder, its axis at `turn` to the X axis."""
-    c, s = np.cos(turn), np.sin(turn)
-    along, across = X @ [c, s], X @ [-s, c] - 0.3
-    y, z = radius * np.sin(across / radius), radius * (1 - np.cos(across / radius))
-    return np.column_stack([c * along - s * y, s * along + c * y, z])
-
-
-def inner_energy(system, x):
-    """Energy per area of the triangles that are 0.15 or more away from the sides."""
-    from fecloth.mesh.edge_slopes import EdgeSlopes
-    from fecloth.terms.bending.plate_stiffness import plate_rigidity
-
-    cloth = system.cloth
-    slopes: EdgeSlopes = cloth.edge_slopes
-    edges = slopes.edges
-    alpha = (slopes.plain @ system.bound[0].plate.measures(x, 0.0)).reshape(-1, 3)
-    kappa = np.einsum("eij,ej->ei", edges.curvature_of_slopes, alpha)
-    D = plate_rigidity(system.panel, "test")
-    density = 0.5 * np.einsum("ei,eij,ej->e", kappa, D, kappa)
-    centre = cloth.X[cloth.triangles].mean(axis=1)
-    inside = ((centre > 0.15) & (centre < 0.85)).all(axis=1)
-    return (density * edges.area)[inside].sum() / edges.area[inside].sum()
-
-
-@pytest.mark.parametrize(
-    ("pattern", "n", "cut"), [("equilateral", 6, None), ("unstructured", 28, 0.5)]
-)
-def test_any_triangles_may_be_of_another_fabric(pattern, n, cut):
-    """The matrix has a block for each weight that a seam or a clamp makes."""
-    cloth = fc.Cloth.rectangle(1.0, 0.5, 1 / n, pattern)
-    centre = cloth.X[cloth.triangles].mean(axis=1)
-    choose = np.random.default_rng(0)
-    for _ in range(1 if cut else 20):
-        soft = centre[:, 0] < cut if cut else choose.random(len(centre)) < 0.5
-        parts = {"soft": np.flatnonzero(soft), "stiff": np.flatnonzero(~soft)}
-        two = fc.Cloth.from_arrays(cloth.X, cloth.triangles, regions=parts)
-        fabric = {"soft": ISOTROPIC, "stiff": fc.Fabric(1.0, 1e3, bending_rigidity=10.0)}
-        pins = [fc.Pin(lambda X: X[:, 0] < 1e-9, clamp=True)]
-        K = transverse(plate(two, fabric, pins))
-        w = cloth.X[:, 0] ** 2
-        assert w @ K @ w > 0.1

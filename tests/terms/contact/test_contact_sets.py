@@ -155,25 +155,6 @@ def test_many_pairs_are_not_kept(monkeypatch):
     np.testing.assert_allclose(sets.force(x), usual.force(x), rtol=0, atol=1e-12)
 
 
-@pytest.mark.stories
-@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
-@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
-def test_a_march_goes_on_bit_for_bit(method):
-    """The pairs of a step, and its friction, follow from the state at its begin."""
-    cloth, x, over = layers(1.5 * GAP)
-    contact = fc.SelfContact(GAP, friction=0.3)
-    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), contact])
-    start = system.state(x, np.where(over, -1.0, 0.0)[:, None] * [0.3, 0, 1.0])
-    options = {"dt": 1e-3, "t_end": 0.01, "solver": "pcg"}
-    steps = [*fc.march(system, method, start, **options)]
-    assert min(system.bound[-1].sets.least_distance(at.x) for at, _ in steps[:3]) < GAP
-    middle, info = steps[2]
-    again = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), contact])
-    *_, (end, _) = fc.march(again, method, middle, memory=info.memory, **options)
-    np.testing.assert_array_equal(end.x, steps[-1][0].x)
-    np.testing.assert_array_equal(end.v, steps[-1][0].v)
-
-
 def test_the_nodes_of_all_kinds_of_pairs_are_those_of_the_toolkit(rng):
     cloth, x, _ = layers(0.7 * GAP)
     sets = bound(cloth).sets

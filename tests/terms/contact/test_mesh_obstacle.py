@@ -141,22 +141,3 @@ def test_the_force_of_a_mesh_that_moves_is_the_derivative_of_its_energy(table, r
         over = bound.over_step(StepDifference.between(x, e, t))
         change = 0.5 * (bound.energy(x, t + 2 * e) - bound.energy(x, t))  # as the force, at t + e
         assert over.work(x) == pytest.approx(change, rel=1e-5)
-
-
-@pytest.mark.stories
-@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
-@pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_a_plate_that_rises_lifts_the_cloth(friction, table):
-    """It ends at the speed of the plate; with friction it moves along with it too."""
-    cloth = fc.Cloth.rectangle(0.3, 0.2, 0.1)
-    speed = np.array([0.1, 0.0, 0.4])
-    motion = [f"{v!r}*t" for v in speed.tolist()]
-    plate = fc.MeshObstacle(table, gap=5e-3, scale=0.01, friction=friction, motion=motion)
-    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), fc.Gravity(), plate])
-    start = system.state(np.column_stack([cloth.X, np.full(len(cloth.X), 4.5e-3)]))
-    run = fc.run(system, fc.BackwardEuler(), start, dt=0.01, t_end=0.4)
-    mean = system.nodal_mass @ run.state.v / system.nodal_mass.sum()
-    expected = speed if friction else [0.0, 0.0, 0.4]
-    np.testing.assert_allclose(mean, expected, atol=0.02)
-    assert (run.state.x[:, 2] > 0.4 * 0.4).all()
-    assert run.energies["work:MeshObstacle"][-1] > 0.9 * 0.06 * 0.2 * 9.81 * 0.16

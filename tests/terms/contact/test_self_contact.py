@@ -47,9 +47,9 @@ def test_force_and_tangent_are_derivatives(element, thickness, rng):
         energies.append((one - two) / (2 * e))
         forces.append((system.force(ends[0]) - system.force(ends[1])).ravel() / (2 * e))
     at = system.state(x)
-    check_order([abs(found + (system.force(at) * way).sum()) for found in energies])
+    check_order([abs(computed + (system.force(at) * way).sum()) for computed in energies])
     K = system.stiffness(at) @ way.ravel()
-    check_order([np.linalg.norm(found + K) / np.linalg.norm(K) for found in forces])
+    check_order([np.linalg.norm(computed + K) / np.linalg.norm(K) for computed in forces])
 
 
 def check_order(errors):
@@ -159,23 +159,8 @@ def test_a_patch_slides_on_a_held_layer_as_coulomb_says(friction):
         assert heat == pytest.approx(friction * mass.sum() * g * np.cos(phi) * way, rel=0.1)
 
 
-def test_without_contact_it_passes_through():
-    """The motion of the test above does need the term."""
-    cloth, x, upper = two_layers()
-    x[upper, 2] += 0.03
-    v = np.where(upper[:, None], [0.3, 0.0, -1.0], 0.0)
-    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.HingeBending()])
-    *_, (state, _) = fc.march(system, fc.BackwardEuler(), system.state(x, v), 4e-3, 0.08)
-    assert (state.x[upper, 2] < 0).all()
-
-
 def test_mistakes():
     cloth, x, upper = two_layers()
-    for gap, thickness, words in ((0.0, 0.0, "gap = 0.0"), (0.01, -1.0, "thickness = -1.0")):
-        with pytest.raises(InputError, match=words):
-            fc.SelfContact(gap, thickness=thickness)
-    with pytest.raises(InputError, match="stiffness = 0"):
-        fc.SelfContact(stiffness=0)
     with pytest.raises(InputError, match="a third of the shortest edge"):
         fc.System(cloth, FABRIC, [fc.SelfContact(0.05)])
     system = fc.System(cloth, FABRIC, [fc.StVK(), fc.SelfContact(GAP, thickness=0.007)])

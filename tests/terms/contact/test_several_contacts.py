@@ -1,7 +1,7 @@
 """Several contacts: one first guess, steps that are repeated, what cannot be met is named."""
 
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -38,22 +38,6 @@ def two_layers(contacts, speed):
     return system, system.state(x, np.zeros_like(x) - [0, 0, speed])
 
 
-def folds(speed, order=slice(None)):
-    """A strip in four folds between a plane at rest and a plane that comes down."""
-    length, angle = 0.1, np.radians(20)
-    cloth = fc.Cloth.rectangle(4 * length, 0.05, 0.025, pattern="right")
-    fold = np.minimum((cloth.X[:, 0] / length).astype(int), 3)
-    way = cloth.X[:, 0] - fold * length
-    across = np.where(fold % 2, length - way, way) * np.cos(angle)
-    height = (fold * length + way) * np.sin(angle)
-    x = np.column_stack([across, cloth.X[:, 1], height + 0.003])
-    top = float(x[:, 2].max()) + 0.003
-    plane = fc.shapes.Plane((0, 0, top), (0, 0, -1), motion=(0, 0, f"-{speed} * t"))
-    contacts = [ITSELF, FLOOR, fc.Obstacle(plane, gap=GAP)][order]
-    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), fc.Gravity(), *contacts])
-    return system, system.state(x), top
-
-
 def crosses(system, x):
     return len(find_intersections(system.cloth.triangles, x)) > 0
 
@@ -71,23 +55,6 @@ def test_the_order_of_the_contacts_changes_less_than_round_off_of_the_start():
         ends.append(state.x)
     by_order, by_round_off = (abs(end - ends[0]).max() for end in ends[1:])
     assert by_order < by_round_off < 1e-5 * abs(start.x).max()
-
-
-@pytest.mark.stories
-def test_a_fast_plane_presses_folds_in_repeated_steps():
-    """The rows keep the times of the whole steps."""
-    system, start, top = folds(2.0)
-    seen = []
-    result = fc.run(
-        *(system, fc.BackwardEuler(), start),
-        **{"dt": 0.005, "t_end": 0.05},
-        report=lambda info: seen.append((info, crosses(system, info.result.state.x))),
-    )
-    assert not any(crossed for _, crossed in seen)
-    assert sum(info.counts.rejected for info, _ in seen) > 0
-    assert any(info.is_part for info, _ in seen)
-    np.testing.assert_allclose(result.times, 0.005 * np.arange(11), rtol=1e-12)
-    assert result.state.x[:, 2].max() < top - 2.0 * 0.05
 
 
 class Stubborn:
@@ -157,13 +124,6 @@ def test_a_step_shortened_by_a_stop_does_not_count_as_a_failure():
     assert step_of(Stubborn(1.0), 0.75, HalvedMemory(0.5)).size == 0.5
 
 
-def test_without_contact_a_step_that_fails_ends_the_run():
-    cloth = fc.Cloth.rectangle(1.0, 1.0, 1.0, pattern="right")
-    system = fc.System(cloth, FABRIC, [fc.StVK()])
-    with pytest.raises(NewtonFailed):
-        FixedStep(Stubborn(0.8), 1.0).step(system, system.rest(), 1.0, None)
-
-
 def test_a_state_that_has_crossed_is_refused_by_name():
     system, start = two_layers([ITSELF, FLOOR], 1.0)
     refuse_crossed(system, start)
@@ -194,29 +154,6 @@ def test_a_step_to_the_other_side_of_an_obstacle_is_refused_by_name(way, leaps):
     refusal = pytest.raises(NewtonFailed, match="Obstacle: .* on the other side of it")
     with refusal if leaps else nullcontext():
         refuse_crossed(system, new, old)
-
-
-@pytest.mark.stories
-def test_a_sheet_at_20_m_s_does_not_find_a_way_around_a_ball_within_a_step():
-    """Newton's iteration would find one: behind the ball the sheet keeps all its speed."""
-    system, start = thrown(20.0)
-    for state, _info in fc.march(system, fc.BackwardEuler(), start, 0.01, 0.01):
-        assert state.x[:, 2].mean() > 0.01
-
-
-@dataclass(frozen=True)
-class Crossing(fc.BackwardEuler):
-    """A method whose steps end below the floor."""
-
-    def step(self, system, state, dt, solver, memory=None, history=None):
-        new = system.state(state.x - [0, 0, 0.01], t=state.t + dt)
-        return Step(new, new, None, Counts())
-
-
-def test_a_step_of_a_march_that_crosses_ends_it():
-    system, start = two_layers([FLOOR], 1.0)
-    with pytest.raises(fc.StepFailed, match="Obstacle: the cloth has passed through"):
-        list(fc.march(system, Crossing(), start, dt=0.01, t_end=0.02))
 
 
 def test_the_error_in_space_of_a_state_that_has_crossed_is_no_error():
@@ -291,19 +228,3 @@ def test_nodes_that_pins_hold_are_not_moved_by_a_guess():
     assert alone[:, 0].tolist() == [1.0, 0.5]
     refuses = Wall([0.5, 0.5], allowed=False)  # asked, as the pin leads where it has not looked
     assert find_guess([Way(refuses, start, start, 1.0)], x, hold) is None
-
-
-@pytest.mark.stories
-@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
-@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
-def test_two_free_pieces_that_collide_run_to_their_end(method):
-    """What deforms them is the kinetic energy of their motion towards each other."""
-    lower, upper = fc.Cloth.rectangle(0.1, 0.1, 0.05), fc.Cloth.rectangle(0.08, 0.08, 0.04)
-    cloth = fc.Cloth.join([lower, upper], names=["lower", "upper"])
-    x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-    thrown, v = cloth.nodes("upper"), np.zeros((len(cloth.X), 3))
-    x[thrown, 2], v[thrown] = 5e-3, [0.0, 0.0, -1.0]
-    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
-    system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending(), fc.SelfContact(1e-3)])
-    result = fc.run(system, method, system.state(x, v), 1e-3, 0.02)
-    assert result.state.v[cloth.nodes("lower"), 2].mean() < -0.2

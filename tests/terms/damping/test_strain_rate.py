@@ -7,7 +7,6 @@ from support import oracle
 
 import fecloth as fc
 from fecloth.terms.kinematics import deformation_gradient
-from fecloth.verify import VerificationFailed, check_term
 
 
 def test_force_agrees_with_the_scikit_fem_form(sheet, orthotropic, rng):
@@ -19,16 +18,6 @@ def test_force_agrees_with_the_scikit_fem_form(sheet, orthotropic, rng):
     power = system.bound[0].power(state.x, state.v, 0.0)
     assert power == pytest.approx(-np.vdot(force, state.v), rel=1e-12)
     assert power > 0
-
-
-def test_exact_tangents():
-    check_term(fc.StrainRateDamping(0.01, tangent="exact"))
-
-
-def test_symmetric_tangent_is_exact_in_v_only():
-    check_term(fc.StrainRateDamping(0.01), tangents=("v",))
-    with pytest.raises(VerificationFailed, match="x-tangent"):
-        check_term(fc.StrainRateDamping(0.01), tangents=("x",))
 
 
 def test_symmetric_tangent_differs_by_the_non_symmetric_part(sheet, orthotropic, rng):

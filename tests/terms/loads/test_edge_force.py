@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from conftest import affine, flat, rough
+from support.tiers import in_turn
 
 import fecloth as fc
 from fecloth.errors import InputError
-from fecloth.verify import VerificationFailed, check_term, trial_states
 
 PATTERNS = ["unstructured", "right", "cross", "equilateral"]
 ELEMENTS = ["P1", "P2"]
@@ -23,8 +23,7 @@ def force_of(term, cloth, fabric, x=None, start=None, t=0.0):
 # --- the patch test -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("element", ELEMENTS)
-@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize(("pattern", "element"), in_turn(PATTERNS, ELEMENTS))
 def test_a_uniform_stress_is_balanced_on_any_mesh(pattern, element, orthotropic):
     """P N on each side against the force of a membrane in a uniform deformation."""
     cloth = fc.Cloth.rectangle(0.7, 0.45, 0.12, pattern, element)
@@ -46,20 +45,6 @@ def test_a_uniform_stress_is_balanced_on_any_mesh(pattern, element, orthotropic)
     assert abs(residual).max() < 1e-12 * abs(membrane).max()
 
 
-@pytest.mark.parametrize("element", ELEMENTS)
-@pytest.mark.parametrize("pattern", PATTERNS)
-def test_a_strip_pulled_at_its_edge_has_one_stress(pattern, element):
-    """ν = 0, 50 N/m on the right edge: λ S = 50 with S = Y (λ² − 1)/2, everywhere."""
-    cloth = fc.Cloth.rectangle(1.0, 0.25, 0.125, pattern, element)
-    fabric = fc.Fabric(0.2, 500.0, 0.0)
-    system = fc.System(cloth, fabric, [fc.StVK(), fc.EdgeForce("right", (50.0, 0, 0))], ["left"])
-    found = fc.equilibrium(system, system.rest(), tolerance=1e-13)
-    stretch = max(np.roots([250.0, 0.0, -250.0, -50.0]).real)
-    expected = cloth.X * [stretch, 1.0]
-    assert abs(found.x[:, :2] - expected).max() < 1e-12
-    assert abs(found.x[:, 2]).max() < 1e-12
-
-
 # --- dead forces ----------------------------------------------------------------------------------
 
 
@@ -74,9 +59,9 @@ def test_shares_of_an_edge(element, isotropic):
     assert np.count_nonzero(f.any(axis=1)) == len(nodes)
 
 
-@pytest.mark.parametrize("follow", [False, True])
-@pytest.mark.parametrize("element", ELEMENTS)
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize(
+    ("side", "element", "follow"), in_turn(list(SIDES), ELEMENTS, [False, False, True, True])
+)
 def test_normal_and_tangent_on_a_turned_flat_cloth(side, element, follow, isotropic):
     """Outward and counter-clockwise on each side, as the cloth lies."""
     cloth = fc.Cloth.rectangle(0.7, 0.45, 0.15, element=element)
@@ -114,43 +99,9 @@ def test_which_edges_are_loaded(isotropic):
         assert f.sum(axis=0)[2] == pytest.approx(2 * length, rel=1e-13)
     with pytest.raises(InputError, match="inside the cloth has two sides"):
         force_of(fc.EdgeForce("middle", normal=1.0), cloth, isotropic)
-    with pytest.raises(InputError, match="no edge is selected"):
-        force_of(fc.EdgeForce("corners", (1.0, 0, 0)), cloth, isotropic)
-    with pytest.raises(InputError, match="node set 'rihgt'"):
-        force_of(fc.EdgeForce("rihgt", (1.0, 0, 0)), cloth, isotropic)
 
 
 # --- forces that follow ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_tangents_of_what_follows(element):
-    cloth = fc.Cloth.rectangle(0.3, 0.2, 0.1, "cross", element)
-    for load in ({"force": (3.0, -2.0, 1.0)}, {"normal": 5.0}, {"tangent": 4.0}):
-        term = fc.EdgeForce("boundary", **load, follow=True)
-        check_term(term, cloth, scales=[1.0])
-        dead = fc.EdgeForce("boundary", **load)
-        check_term(dead, cloth, states=trial_states(cloth)[:1], scales=[1.0])
-    system = fc.System(cloth, fc.Fabric(0.2, 1e3), [term])
-    assert not system.symmetric
-    K = system.stiffness(system.state(trial_states(cloth)[0][1])).toarray()
-    assert abs(K - K.T).max() > 0.1 * abs(K).max()
-
-
-def test_a_wrong_tangent_is_noticed(monkeypatch):
-    from fecloth.terms.loads.bound_edge_force import FollowingEdgeForce
-
-    monkeypatch.setattr(FollowingEdgeForce, "add_tangent", lambda *arguments: None)
-    with pytest.raises(VerificationFailed, match="x-tangent"):
-        check_term(fc.EdgeForce("right", normal=2.0, follow=True), tangents=("x",))
-
-
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_a_stretched_edge_carries_more_where_it_follows(element, isotropic):
-    cloth = fc.Cloth.rectangle(1.0, 0.6, 0.2, element=element)
-    x = flat(cloth) * [1.0, 1.5, 1.0]
-    f = force_of(fc.EdgeForce("right", (2.0, 0, 0), follow=True), cloth, isotropic, x)
-    np.testing.assert_allclose(f.sum(axis=0), [2.0 * 0.9, 0, 0], atol=1e-13)
 
 
 def test_a_curved_edge_of_quadratic_triangles(isotropic):
@@ -170,26 +121,6 @@ def test_a_curved_edge_of_quadratic_triangles(isotropic):
     nodes, weights = np.polynomial.legendre.leggauss(40)
     arc = weights / 2 @ np.sqrt(1 + (c * (1 - (1 + nodes))) ** 2)
     assert middle.sum(axis=0)[2] == pytest.approx(arc, rel=5e-3)
-
-
-def test_a_disk_that_is_pulled_outward_stays_round():
-    """A uniform stretch λ with λ S = λ p, as the edge is λ times as long: S = Y E/(1 − ν)."""
-    cloth = fc.Cloth.disk(0.5, 0.2)
-    middle = int(np.argmin(np.linalg.norm(cloth.X, axis=1)))
-    arms = cloth.X - cloth.X[middle]
-    beside = int(np.argsort(np.linalg.norm(arms, axis=1))[1])
-    others = np.setdiff1d(np.arange(len(arms)), [middle, beside])
-    pins = [
-        fc.Pin([middle]),
-        fc.Slide([beside], direction=(*arms[beside], 0.0)),
-        fc.Slide(others, normal=(0, 0, 1)),
-    ]
-    load = fc.EdgeForce("boundary", normal=100.0, follow=True)
-    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK(), load], pins)
-    found = fc.equilibrium(system, system.rest(), tolerance=1e-11)
-    stretch = np.sqrt(1 + 2 * 0.7 * 100.0 / 1000.0)
-    moved = found.x[:, :2] - found.x[middle, :2]
-    np.testing.assert_allclose(moved, stretch * arms, atol=1e-9)
 
 
 # --- in time --------------------------------------------------------------------------------------
@@ -215,24 +146,6 @@ def test_numbers_formulas_and_functions_of_time(load, sheet, isotropic, rng):
     }[next(iter(load))]
     fixed = fc.EdgeForce("right", **at, follow=load.get("follow", False))
     np.testing.assert_allclose(f, force_of(fixed, sheet, isotropic, x), rtol=1e-14)
-
-
-@pytest.mark.parametrize("follow", [False, True])
-def test_work_is_in_the_ledger(follow, isotropic):
-    """Of a free cloth the work is the energy that it gets."""
-    cloth = fc.Cloth.rectangle(0.4, 0.3, 0.15)
-    load = fc.EdgeForce("right", normal="20 * t", tangent=2.0, follow=follow)
-    system = fc.System(cloth, isotropic, [fc.StVK(), load])
-    newton = fc.Newton(tolerance=1e-12)
-    result = fc.run(
-        system, fc.ImplicitMidpoint(), system.rest(), 1e-3, 0.03, solver="direct", newton=newton
-    )
-    gained = result.energies["kinetic"][-1] + result.energies["StVK"][-1]
-    assert result.energies["work:EdgeForce"][-1] == pytest.approx(gained, rel=1e-3)
-    state = system.state(rough(cloth, np.random.default_rng(1)), result.state.v, t=0.3)
-    power = system.bound[1].supply(state.x, state.v, 0.3)
-    load_alone = fc.System(cloth, isotropic, [load]).force(state)
-    assert power == pytest.approx(np.vdot(load_alone, state.v), rel=1e-12)
 
 
 # --- what is refused ------------------------------------------------------------------------------

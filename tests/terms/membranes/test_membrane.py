@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from conftest import affine, rough
 from support import oracle
+from support.tiers import in_turn
 
 import fecloth as fc
 from fecloth.terms.kinematics import deformation_gradient
 from fecloth.terms.loops.green_strain import clamp
-from fecloth.verify import VerificationFailed, check_term
 
 LAWS = [fc.StVK(), fc.TensorCondition(250.0)]
 PATTERNS = ["unstructured", "right", "cross", "equilateral"]
@@ -30,54 +30,6 @@ def test_meets_the_scikit_fem_forms(law, sheet, orthotropic, rng):
     assert abs(difference).max() < 1e-12 * abs(system.stiffness(state)).max()
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
-def test_derivatives(law):
-    check_term(law)
-
-
-def test_check_term_sees_a_wrong_force(monkeypatch):
-    from fecloth.terms.loops.membrane import BoundMembrane
-
-    right = BoundMembrane.add_force
-
-    def wrong(self, x, v, t, f):
-        right(self, x, v, t, f)
-        f *= 1.001
-
-    monkeypatch.setattr(BoundMembrane, "add_force", wrong)
-    with pytest.raises(VerificationFailed, match="force of StVK"):
-        check_term(fc.StVK())
-
-
-def test_deformation_tensor_from_edge_inner_products(sheet, rng):
-    """C = FᵀF − I from the Gram matrix of the deformed edges (a, b) and data of the rest edges."""
-    x = rough(sheet, rng)
-    i, j, k = sheet.triangles.T
-    rest = np.stack([sheet.X[j] - sheet.X[i], sheet.X[k] - sheet.X[i]], axis=-1)  # (v, w)
-    a, b = x[j] - x[i], x[k] - x[i]
-    gram = np.empty((len(a), 2, 2))
-    gram[:, 0, 0], gram[:, 1, 1] = np.sum(a * a, axis=1), np.sum(b * b, axis=1)
-    gram[:, 0, 1] = gram[:, 1, 0] = np.sum(a * b, axis=1)
-    inverse = np.linalg.inv(rest)
-    C = np.swapaxes(inverse, 1, 2) @ gram @ inverse - np.eye(2)
-    F = deformation_gradient(sheet, x)[:, 0]
-    E = 0.5 * (np.swapaxes(F, 1, 2) @ F - np.eye(2))
-    np.testing.assert_allclose(C, 2 * E, rtol=0, atol=1e-13 * abs(E).max())
-
-
-def test_tensor_condition_is_stvk_without_poisson(sheet, rng):
-    k = 250.0
-    twin = fc.Fabric(areal_density=0.2, tensile_stiffness=4 * k)
-    one = fc.System(sheet, twin, [fc.TensorCondition(k)])
-    other = fc.System(sheet, twin, [fc.StVK()])
-    state = one.state(rough(sheet, rng))
-    assert one.energies(state)["TensorCondition"] == pytest.approx(
-        other.energies(state)["StVK"], rel=1e-13
-    )
-    assert relative(one.force(state), other.force(state)) < 1e-13
-    assert abs(one.stiffness(state) - other.stiffness(state)).max() < 1e-9
-
-
 def test_tensor_condition_energy_is_its_definition(sheet, rng):
     k, x = 250.0, rough(sheet, rng)
     F = deformation_gradient(sheet, x)[:, 0]
@@ -95,8 +47,7 @@ UNIFORM = {
 }
 
 
-@pytest.mark.parametrize("pattern", PATTERNS)
-@pytest.mark.parametrize("name", UNIFORM)
+@pytest.mark.parametrize(("pattern", "name"), in_turn(PATTERNS, list(UNIFORM)))
 def test_uniform_states(pattern, name, orthotropic):
     """Stress and energy of a homogeneous state, from the definitions, on any mesh."""
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.17, pattern=pattern)
@@ -121,36 +72,6 @@ def test_uniform_states(pattern, name, orthotropic):
     inner[cloth.nodes("boundary")] = False
     force = system.force(system.state(x))
     assert abs(force[inner]).max() < 1e-12 * scale  # in equilibrium inside
-
-
-def test_nodal_force_is_the_flux_through_the_dual_cell(sheet, orthotropic, rng):
-    """The lecture's finite volumes: f_i = ∮ P N dS around the median-dual cell of node i.
-
-    Inside each triangle the cell of a node is bounded by the two segments from the centroid to
-    the middles of the edges at that node. P is constant there, so the flux through them is P times
-    the sum of their normals.
-    """
-    system = fc.System(sheet, orthotropic, [fc.StVK()])
-    x = rough(sheet, rng)
-    F = deformation_gradient(sheet, x)[:, 0]
-    S = np.zeros((len(F), 4))
-    system.bound[0].add_stress(x, S)
-    stress = np.stack([S[:, [0, 2]], S[:, [2, 1]]], axis=1)
-    P = F @ stress
-    corners = sheet.X[sheet.triangles]
-    centroid = corners.mean(axis=1)
-    flux = np.zeros_like(x)
-    for a in range(3):
-        own, after, before = (corners[:, (a + s) % 3] for s in (0, 1, 2))
-        # walking counter-clockwise around the node: middle of the edge to `after`, the centroid,
-        # middle of the edge to `before`; the outward normal of a segment (s1, s2) is (s2, −s1)
-        path = 0.5 * (own + before) - 0.5 * (own + after)
-        via = (centroid - 0.5 * (own + after)) + (0.5 * (own + before) - centroid)
-        np.testing.assert_allclose(path, via, atol=1e-15)
-        normal = np.column_stack([via[:, 1], -via[:, 0]])
-        np.add.at(flux, sheet.triangles[:, a], np.einsum("eij,ej->ei", P, normal))
-    force = system.force(system.state(x))
-    np.testing.assert_allclose(flux, force, atol=1e-12 * abs(force).max())
 
 
 def test_clamp_keeps_the_tensile_part(rng):
