@@ -98,6 +98,7 @@ def test_each_slide_of_the_lecture_is_a_chapter_and_a_notebook(site, pages):
         words = markdown(slide) + answer(slide)
         formulas = re.findall(r"(\$\$?)[^$]+\1", words)
         assert text.count("<math") == len(formulas) > 0, slide
+        assert not re.search(r"frac\d", words), slide  # shown as a fraction of the number 12
 
 
 def test_links_lead_somewhere(site, pages):

@@ -15,12 +15,14 @@ def new(
         Literal["tension", "cantilever", "drape"] | None,
         "a specimen with its fit, in place of a scene",
     ] = None,
+    pedestal: Annotated[bool, "of --test drape: laid onto its support, with contact"] = False,
     overwrite: Annotated[bool, "replace files of these names"] = False,
 ) -> int:
     """Write a commented scene to begin with, or a specimen with its fit and example data.
 
     The files are NAME.toml, NAME.geo if it has a mesh, and for a test NAME_fit.toml and NAME.csv.
-    Raises `InputError` for a wrong name, and for files that exist without --overwrite.
+    Raises `InputError` for a wrong name, for --pedestal without --test drape, and for files that
+    exist without --overwrite.
     """
     stem = test or kind  # of the templates
     target = Path(name)
@@ -29,12 +31,15 @@ def new(
     if not re.fullmatch(r"[\w+-][\w .+-]*", target.name):
         allowed = "must be a file name of letters, digits, spaces, _, +, - and ."
         raise InputError(f"NAME = {name!r}", allowed, "new")
-    templates = Path(__file__).with_name("specimens").glob(f"{stem}[._]*")
-    # For each file to write its template, as pendulum.toml for swing.toml.
-    written = {
-        target.with_name(target.name + template.name.removeprefix(stem)): template
-        for template in sorted(templates)
-    }
+    folder = Path(__file__).with_name("specimens")
+    # The template of each ending of a file, as pendulum.toml for swing.toml.
+    templates = {path.name.removeprefix(stem): path for path in sorted(folder.glob(f"{stem}[._]*"))}
+    if pedestal:
+        if test != "drape":
+            raise InputError("--pedestal", "needs --test drape", "new")
+        templates[".toml"] = folder / "pedestal.toml"
+        del templates[".geo"]  # the whole disc in place of the ring
+    written = {target.with_name(target.name + end): path for end, path in templates.items()}
     if not overwrite and (existing := [path for path in written if path.exists()]):
         raise InputError(f"{existing[0]} exists", "needs --overwrite", "new")
     target.parent.mkdir(parents=True, exist_ok=True)

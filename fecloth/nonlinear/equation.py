@@ -109,24 +109,20 @@ def measure_round_off(force: Callable[[State], np.ndarray], state: State) -> np.
     return force(State(state.t, x, v)) - force(state)
 
 
-# Times the whole direction: so far obstacles are looked for, as a line search may double a step.
-LONGEST_DIRECTION = 16.0
-
-
-def largest_step(system: System, x: np.ndarray, s: np.ndarray, t: float) -> float:
+def largest_step(
+    system: System, x: np.ndarray, s: np.ndarray, t: float, longest: float = 1.0
+) -> float:
     """The largest α for which all terms allow x + α s at the time t; infinite without contact.
 
-    x and s are (n, 3) [m]. A term knows by its `limit` the part, at most 1, of a direction that
-    it allows. A line search that doubles a step needs to know an α above 1, too. So the limits
-    are those of 16 s (`LONGEST_DIRECTION`), times 16. With terms that couple nodes they are not, as
-    their `limit` is expensive: there α is at most 1.
+    x and s are (n, 3) [m], and α is at most `longest`. With terms that couple nodes it is at most
+    1, as their `limit` is expensive.
     """
     limits = [term.limit for term in system.bound if term.limits_direction]
     if not limits:
         return math.inf
     if any(term.couples_nodes for term in system.bound):
-        return min(limit(x, s, t) for limit in limits)
-    return LONGEST_DIRECTION * min(limit(x, LONGEST_DIRECTION * s, t) for limit in limits)
+        longest = 1.0
+    return longest * min(limit(x, longest * s, t) for limit in limits)
 
 
 def has_limits(system: System) -> bool:

@@ -20,8 +20,8 @@ ALLOWED_OF_ERROR_IN_TIME = 0.05
 ALLOWED_OF_DISPLACEMENT = 1e-6
 # … and the residual that must come with it, as a part of the forces, unless round-off is more.
 ALLOWED_OF_FORCES = 1e-9
-# Of the forces of contact: a larger residual gives or takes energy of an impact.
-ALLOWED_OF_CONTACT_FORCES = 0.01
+# Of the forces of contact: they change much over a small part of the gap.
+ALLOWED_OF_CONTACT_FORCES = 0.1
 # Corrections converge if each is at most this part of the one before; others may be round-off.
 SLOWEST_CONTRACTION = 0.5
 
@@ -50,7 +50,7 @@ class ErrorLeft:
         θ / (1 − θ) × the last length
 
     Where contacts push, this says little: their forces change much over a hundredth of the
-    gap. So the error counts as unknown there while the residual is above 1 % of their size.
+    gap. So the error counts as unknown there while the residual is above a tenth of their size.
 
     Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, section IV.8.
 

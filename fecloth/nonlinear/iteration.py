@@ -20,6 +20,9 @@ from fecloth.nonlinear.steps import STAGNANT_MOVE, Steps
 ROUND_OFF_FACTOR = 8.0
 # Round-off above this part of the forces: the forces of a cloth at rest, which move nothing.
 FORCES_AT_REST = 1e-6
+# Short steps in a row with which the iteration of a step in time creeps, with contact. Such an
+# iteration takes hundreds of steps or fails: half of the step is solved sooner.
+MOST_SHORT_STEPS = 10
 # A smaller limit to the iterations than this is told as the cause of a failure.
 FEW_ITERATIONS = 20
 
@@ -36,7 +39,7 @@ def iterate(
     """Iterate from y (n, 3) until ‖R‖ ≤ tolerance × scale, and at least `least` times.
 
     Return the solution (n, 3) and the `Counts`. Raise `Equation.failure` where the iteration
-    cannot go on, or takes more than the option `max_iterations`.
+    cannot go on, creeps, or takes more than the option `max_iterations`.
 
     With `error_left` the iteration also ends where the error left is small against the error in
     time. If the forces at y are not finite, it starts from `other_start`. `report` is called
@@ -62,7 +65,7 @@ def iterate(
         counts = _counts_if_ended(steps, progress, least)
         if counts:
             return progress.point.y, counts
-        if progress.failed or progress.number == most:
+        if progress.failed or progress.number == most or _creeps(equation, progress):
             raise _failure(steps, progress)
         progress = steps.advance(progress)
         if not progress.failed:
@@ -90,6 +93,12 @@ def _counts_if_ended(steps: Steps, progress: Progress, least: int) -> Counts | N
         if all(norm(point.R * part) <= norm(round_off * part) for part in parts):
             return _make_counts(steps, progress, norm(round_off))
     return None
+
+
+def _creeps(equation: Equation, progress: Progress) -> bool:
+    """Whether to give up a step in time with contact, which may then be taken in parts."""
+    may_give_up = equation.takes_short_solves and not equation.explores
+    return may_give_up and progress.short_steps >= MOST_SHORT_STEPS
 
 
 def _may_be_round_off(steps: Steps, progress: Progress, least: int) -> bool:
@@ -133,7 +142,9 @@ def _failure(steps: Steps, progress: Progress) -> Exception:
     """The error of an iteration that found no step, or took too many."""
     most = steps.context.options.max_iterations
     reason = progress.reason
-    if not progress.failed:
+    if _creeps(steps.equation, progress):
+        reason = f"Newton creeps: {MOST_SHORT_STEPS} steps in a row were nearly as short as none"
+    elif not progress.failed:
         reason = f"Newton did not converge in {amount(most, 'iteration')}"
         if most < FEW_ITERATIONS:
             reason += f", as max_iterations = {most} allows no more"

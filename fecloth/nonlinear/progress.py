@@ -40,6 +40,8 @@ class Progress:
         Whether its direction is what conjugate gradients had when they met negative curvature.
     slow_steps
         Slow steps in a row.
+    short_steps
+        Short steps in a row, see `Steps.advance`.
     pause
         After whole steps in vain, see `Steps.explore`.
     """
@@ -54,6 +56,7 @@ class Progress:
     stagnates: bool = False
     cut_short: bool = False
     slow_steps: int = 0
+    short_steps: int = 0
     pause: Pause = Pause()
 
     @property

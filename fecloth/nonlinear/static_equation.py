@@ -18,6 +18,8 @@ from fecloth.terms.kinematics import principal_stretches
 HARMLESS_SLACK = 0.1
 # The shifts of the remedies are the first one times 4ⁿ for these n: enough for any stiffness.
 SHIFT_POWERS = range(-10, 30)
+# Times a direction: so far a line search may double a step, and so far obstacles are looked for.
+LONGEST_DIRECTION = 16.0
 
 
 class EquilibriumFailed(equation.Unsolved):
@@ -117,13 +119,15 @@ class StaticEquation:
         for term, factor, t in self.terms():
             f = np.zeros_like(state.x)
             term.add_force(state.x, state.v, t, f)
+            if state is self.start and not np.isfinite(f).all():
+                continue  # an obstacle has moved there since
             total += factor * f
             scale += factor * self.system.force_size(f)
         return self.system.constraints.reduce(total), scale
 
     def largest_step(self, x: np.ndarray, step: np.ndarray) -> float:
         """The largest α for which all contacts allow x + α step."""
-        return equation.largest_step(self.system, x, step, self.t)
+        return equation.largest_step(self.system, x, step, self.t, LONGEST_DIRECTION)
 
     def residual(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         """−f, and the scale of the forces at x."""

@@ -33,6 +33,8 @@ LONGER_MOVE = 2.0
 # after so many slow steps in a row, conjugate gradients refine the direction.
 SLOW_RESIDUAL = 0.5
 SLOW_STEPS = 3
+# α of a short step. Chosen: thirty of them come less far than one whole step.
+SHORT_STEP = 1 / 32
 # Within so many whole steps the potential must fall below the end of a line search.
 MOST_WHOLE_STEPS = 12
 
@@ -99,6 +101,7 @@ class Steps:
             longest_move=longest_move,
             stagnates=self.stagnates(before.point, after.point, longest_move),
             slow_steps=before.slow_steps + 1 if is_slow else 0,
+            short_steps=before.short_steps + 1 if after.length < SHORT_STEP else 0,
         )
         self.record_error(before, after)
         return after

@@ -151,7 +151,8 @@ def describe_difference(comparison: Comparison, name: str) -> str:
     unit = comparison.unit_of_differences
     size = with_uncertainty(abs(difference.limit), difference.uncertainty, unit)
     if math.isnan(difference.uncertainty):
-        sentence = f"{name} differs from {first} on the finest level by {size}"
+        size = f"{abs(difference.limit):.2g} {unit}".strip()
+        sentence = f"{name} differs from {first} on the finest level by {size}, ± not known"
     elif abs(difference.limit) <= difference.uncertainty:
         sentence = f"{name} and {first} cannot be told apart: the difference is {size}"
     elif not math.isfinite(comparison.studies[first].limit):  # a field, whose difference is a size

@@ -85,12 +85,13 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray)
     system = setup.system
     bends = has_bending(setup)
     remarks = []
-    for name, (_, nodes) in system.constraints.groups.items():
-        if len(nodes) == 1:
-            remarks.append(
-                f"the pin {name} holds a single point: a membrane has no finite stiffness there, "
-                "and gives way by about log(1/h); pin an area or an edge"
-            )
+    groups = system.constraints.groups.items()
+    if lone := [name for name, (_, nodes) in groups if len(nodes) == 1]:
+        holds = "the pin {} holds" if len(lone) == 1 else "each of the pins {} holds"
+        remarks.append(
+            f"{holds.format(', '.join(lone))} a single point: a membrane has no finite stiffness "
+            "there, and gives way by about log(1/h); pin an area or an edge"
+        )
     if any(isinstance(term, PointForce) for term in system.terms):
         remarks.append(
             "a PointForce acts on a point, under which the deflection of a membrane grows like "

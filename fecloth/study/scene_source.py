@@ -156,11 +156,13 @@ class SceneSource:
     def changed(self, values: Mapping[str, Any], name: str = "") -> "SceneSource":
         """Return the source with other values by key; None removes a key.
 
-        If they are refused, `InputError` names the change: by `name`, or by the values.
+        Another element takes its usual mass; an explicit method keeps the lumped one. If the
+        values are refused, `InputError` names the change: by `name`, or by the values.
         """
         words = name or describe_values(values)
         with errors_of(f"{self.where} with {words}"):
-            tables = with_values(self._tables_for(values), self._of_pieces(values))
+            changed = {**self._of_pieces(values), **self._mass_for(values)}
+            tables = with_values(self._tables_for(values), changed)
             _let_frames_follow_steps(tables)
             return replace(self, scene=scene_of(tables, self.scene.trusts_geo))
 
@@ -176,6 +178,17 @@ class SceneSource:
                 if hasattr(piece, name):
                     spread[f"{own}.{name}"] = value * piece.h / self.h if name == "h" else value
         return spread
+
+    def _mass_for(self, values: Mapping[str, Any]) -> dict[str, None]:
+        """Return the value that removes the mass, where another element takes its usual one."""
+        given = {key.replace(" ", ""): value for key, value in values.items()}
+        method = given.get("time.method", self.method)
+        if isinstance(method, Mapping):
+            method = method.get("type")
+        element = getattr(next(iter(self.pieces.values())), "element", None)
+        if given.get("cloth.element", element) == element or "mass" in given or method in EXPLICIT:
+            return {}
+        return {"mass": None}
 
     def _tables_for(self, values: Mapping[str, Any]) -> dict:
         """Return the tables to which values are applied.
@@ -201,14 +214,11 @@ class SceneSource:
     def values_of(self, choice: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values by key of a choice by the names of `keys`, and what goes with it.
 
-        Another element takes its usual mass. An explicit method takes its stable step and a
-        lumped mass. A fixed step, and a tolerance of chosen steps, take the place of the other.
-        With "model" each membrane becomes a term of this type, with its defaults.
+        An explicit method takes its stable step and a lumped mass. A fixed step, and a tolerance
+        of chosen steps, take the place of the other. With "model" each membrane becomes a term
+        of this type, with its defaults.
         """
         values = dict[str, Any]()
-        cloth = self.scene.cloth
-        if "element" in choice and choice["element"] != getattr(cloth, "element", None):
-            values["mass"] = None
         method = choice.get("method")
         if method in EXPLICIT:
             values |= {"mass": "lumped", "solver": None}

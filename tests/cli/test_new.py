@@ -63,6 +63,31 @@ def test_the_files_of_a_specimen_fit_together(written, tmp_path):
 
 
 @pytest.mark.stories
+def test_a_drape_on_its_pedestal_is_near_the_clamped_one(tmp_path, monkeypatch):
+    """Clamped, the ring leaves the support level; laid, the cloth may rise off it: 0.02 here."""
+    monkeypatch.chdir(tmp_path)
+    ends = []
+    for name, options in (("clamped", []), ("laid", ["--pedestal"])):
+        assert main(["new", name, "--test", "drape", *options]) == 0
+        assert main(["run", f"{name}.toml", "--quiet", "--set", "cloth.h=25 mm"]) == 0
+        with Path(f"out/{name}/observed.csv").open(encoding="utf-8") as file:
+            *_, end = csv.DictReader(file)
+        ends.append(end)
+    clamped, laid = (float(end["drape_coefficient"]) for end in ends)
+    assert laid == pytest.approx(clamped, abs=0.04)
+    assert 0.0 < float(ends[1]["least_distance:Obstacle.1"]) < 1e-3
+    assert sorted(path.name for path in tmp_path.glob("laid*")) == [
+        f"laid{ending}" for ending in (".csv", ".toml", "_fit.toml")
+    ]
+
+
+def test_only_a_drape_has_a_pedestal(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "a", "--test", "tension", "--pedestal"]) == 2
+    assert "--pedestal: needs --test drape" in capsys.readouterr().err
+
+
+@pytest.mark.stories
 def test_the_scene_of_a_specimen_runs(written, capsys):
     changes = [word for change in COARSE[written] for word in ("--set", change)]
     assert main(["run", "my cotton.toml", "--quiet", *changes]) == 0

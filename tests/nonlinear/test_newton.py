@@ -166,3 +166,25 @@ def test_a_step_so_long_that_the_mass_hardly_counts_is_solved():
     end = fc.equilibrium(system, run.state).x
     np.testing.assert_allclose(run.state.x, end, atol=1e-5)
     assert end[:, 2].min() < -0.02
+
+
+@pytest.mark.parametrize(
+    ("touches", "length", "ends"), [(True, 1 / 33, 10), (True, 1 / 31, 15), (False, 1 / 33, 15)]
+)
+def test_an_iteration_that_creeps_in_contact_ends_early(touches, length, ends, monkeypatch):
+    """Ten steps in a row shorter than 1/32 are a failure, so that a shorter dt is tried."""
+    cloth = fc.Cloth.rectangle(0.1, 0.1, 0.1, "right")
+    floor = [fc.Obstacle(fc.shapes.Plane((0, 0, -1), (0, 0, 1)))] if touches else []
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0, 0.3), [fc.StVK(), fc.Gravity(), *floor])
+    lengths = []
+
+    def shorten(sums, at, start, step, **others):
+        lengths.append(length)
+        return at(start.y + length * step), length
+
+    monkeypatch.setattr("fecloth.nonlinear.steps.find_step", shorten)
+    options = fc.Newton(tolerance=1e-12, max_iterations=15, reuse=False)
+    solver, _ = solver_for(system, fc.BackwardEuler(), 0.01, "direct", options)
+    with pytest.raises(NewtonFailed, match="creeps: 10 steps" if ends == 10 else "in 15 iter"):
+        fc.BackwardEuler().step(system, system.rest(), 0.01, solver)
+    assert len(lengths) == ends

@@ -22,7 +22,7 @@ from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.line_search import Point, find_step
 from fecloth.nonlinear.newton import MULTIPLES, REMEDIES
 from fecloth.nonlinear.remedies import Remedies, Remedy, RemedySearch
-from fecloth.nonlinear.static_equation import StaticEquation
+from fecloth.nonlinear.static_equation import LONGEST_DIRECTION, StaticEquation
 from fecloth.nonlinear.statistics import Counts
 
 SUMS = SimpleNamespace(norm=np.linalg.norm, dot=np.vdot, rms=lambda mass, s: np.linalg.norm(s))
@@ -280,15 +280,17 @@ def test_reuse_waits_for_up_to_64_new_factors_after_failures():
     assert waits == [1, 2, 4, 8, 16, 32, 64, 64, 64]
 
 
-@pytest.mark.parametrize(("free", "length"), [(1.25 * 16, 16.0), (0.8 * 16, 0.8 * 16)])
-def test_a_free_way_is_looked_at_up_to_sixteen_times_the_direction(free, length):
+@pytest.mark.parametrize("longest", [1.0, LONGEST_DIRECTION])
+@pytest.mark.parametrize("part", [1.25, 0.8])
+def test_a_free_way_is_looked_at_up_to_the_longest_direction(part, longest):
     cloth = fc.Cloth.rectangle(0.2, 0.2, 0.2, "right")
     plane = fc.Obstacle(fc.shapes.Plane((0, 0, 0), (0, 0, 1)), gap=1e-4)
     system = fc.System(cloth, fc.Fabric(0.2, 100.0), [plane])
     x = system.rest().x + [0, 0, 1.0]
     down = np.zeros_like(x)
-    down[:, 2] = -(1.0 - 0.2e-4) / free
-    assert largest_step(system, x, down, 0.0) == pytest.approx(length, rel=1e-3)
+    down[:, 2] = -(1.0 - 0.2e-4) / (part * longest)
+    allowed = largest_step(system, x, down, 0.0, longest)
+    assert allowed == pytest.approx(min(part, 1.0) * longest, rel=1e-3)
 
 
 def test_a_cloth_that_nothing_holds_is_told_after_ten_of_its_extents():

@@ -122,6 +122,17 @@ def test_a_value_of_zero_is_compared_in_its_unit(scene):
     assert "difference of limits [m]" in result.table.columns
 
 
+def test_the_warnings_of_a_variant_are_repeated():
+    def pressed(h, stiffness):
+        cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
+        system = fc.System(cloth, fc.Fabric(0.2, stiffness), [fc.StVK()], pins=["boundary"])
+        return cloth, system, None, system.state(system.rest().x * [0.99, 1, 1])
+
+    compared = fc.study.compare(pressed, {"stiffness": [Y, 2 * Y]}, "energy.StVK", h=0.25)
+    for name in compared.studies:
+        assert any(f"{name}: the equilibrium is unstable" in note for note in compared.notes())
+
+
 @pytest.mark.parametrize(
     ("variants", "cause"),
     [

@@ -48,6 +48,21 @@ def test_a_type_of_a_term_comes_without_the_defaults_of_the_old_type(scene):
     assert changed.source.scene.terms[0].type == "Springs"
 
 
+def test_another_element_takes_its_usual_mass_where_the_method_allows_it(scene):
+    def mass_of(**values):
+        return scene.at({key.replace("_", "."): v for key, v in values.items()}).tables["mass"]
+
+    assert mass_of(cloth_h=0.1) == mass_of(cloth_element="P1") == "lumped"
+    assert mass_of(cloth_element="P2") == scene.choose(element="P2").tables["mass"] == "consistent"
+    assert mass_of(cloth_element="P2", mass="lumped") == "lumped"
+    explicit = scene.at(
+        {"equilibrium": None, "time": {"method": "central_difference", "t_end": 0.1}}
+    )
+    assert explicit.at({"cloth.element": "P2"}).tables["mass"] == "lumped"
+    implicit = {"cloth.element": "P2", "time.method": {"type": "bdf2"}}
+    assert explicit.at(implicit).tables["mass"] == "consistent"
+
+
 def test_a_refused_change_names_the_file_the_change_and_the_key(scene):
     titled = replace(scene, source=replace(scene.source, name="A flag"))
     with pytest.raises(InputError, match=r"^strip\.toml with cloth.h = true: cloth.h = True: must"):

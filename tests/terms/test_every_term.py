@@ -100,7 +100,7 @@ SLOPES = [  # the term, its mesh, and what else `check_term` is told
         (term, mesh, {"states": one_state(mesh, F, 5e-4), "scales": [1.0]})
         for term in (TABLE, POINTWISE)
         for mesh in (MESH, QUADRATIC)
-        for F in (BETWEEN_POINTS, [[0.9, -0.15], [0.1, 0.95]])
+        for F in (BETWEEN_POINTS, [[0.9, -0.15], [0.1, 0.95]])[: 2 if mesh is MESH else 1]
     ),
     (fc.StVK(), QUADRATIC, {"scales": [1.0]}),
     (fc.TensorCondition(250.0), QUADRATIC, {"scales": [1.0]}),
@@ -114,7 +114,11 @@ SLOPES = [  # the term, its mesh, and what else `check_term` is told
     (fc.HingeBending(), MESH, {}),
     (fc.HingeBending(0.3), MESH, {"scales": [1.0]}),
     (fc.QuadraticBending(), MESH, {}),
-    *((fc.PlateBending(rest), mesh, {}) for rest in (0.0, 0.4) for mesh in (GRID, QUADRATIC)),
+    *(
+        (fc.PlateBending(rest), mesh, {"states": trial_states(mesh)[: 3 if mesh is GRID else 2]})
+        for rest in (0.0, 0.4)
+        for mesh in (GRID, QUADRATIC)
+    ),
     *(
         (fc.BendingDamping(0.1, "exact", law), mesh, {})
         for law, mesh in ((None, MESH), (PLATE, GRID), (PLATE, QUADRATIC))
@@ -161,7 +165,7 @@ SLOPES = [  # the term, its mesh, and what else `check_term` is told
     (fc.Gravity((1.5, -2.0, -9.81)), MESH, {}),
     (fc.PointForce("left", (1.0, -2.0, 0.5)), MESH, {}),
     (fc.UserForce(swirl, tangent="exact"), MESH, {"states": moving(MESH)}),
-    (fc.UserForce(("-50 * x", "sin(9 * y)", "-3 * vz"), tangent="exact"), QUADRATIC, {}),
+    (fc.UserForce(("-50 * x", "sin(9 * y) - x", "-3 * vz"), tangent="exact"), QUADRATIC, {}),
     (fc.Pressure(30.0, tangent="exact"), MESH, {}),
     (fc.Pressure(300.0, tangent="exact"), QUADRATIC, {"scales": [1.0]}),
     *(
@@ -184,7 +188,7 @@ def test_force_and_tangents_are_derivatives(term, mesh, how):
     _, x, v = how["states"][0]
     K = (system.stiffness(system.state(x, v)) + 0.3 * system.damping(system.state(x, v))).toarray()
     asymmetry = abs(K - K.T).max()
-    assert asymmetry < 1e-11 * abs(K).max() or not system.symmetric
+    assert asymmetry <= 1e-11 * abs(K).max() or not system.symmetric
     assert asymmetry > 1e-6 * abs(K).max() or system.symmetric
 
 

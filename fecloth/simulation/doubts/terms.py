@@ -343,7 +343,7 @@ def find_cutting_edges(run: PlannedRun) -> Iterator[Doubt]:
             what = "has no radius: its edges"
             remedy = "a larger gap, or give its radius"
         else:
-            what = "has edges that"
+            what, remedy = "has edges that", "a larger gap, or install ipctk"
         words = (
             f"{name} {what} may cut up to {1e3 * depth:.2g} mm into triangles, which are "
             f"large against its gap of {1e3 * term.gap:g} mm"

@@ -16,8 +16,9 @@ import numpy as np
 
 import fecloth as fc
 from studies import harness
+from studies.contact.motions import distance, march
 
-COUNT, SEED, T_END, LOOKS = 40, 1, 0.08, 8
+COUNT, SEED, T_END = 40, 1, 0.08
 FINER, FINEST = 8.0, 2e-4  # of fixed steps; [s] of chosen ones
 FACTOR, SHARE = 5.0, 0.8
 
@@ -51,30 +52,14 @@ def draw(seed: int) -> tuple[fc.System, fc.State, object, float | None, str]:
     return system, system.state(x, 0 * x - [0, 0, v]), method, dt, name
 
 
-def march(system, start, method, dt) -> tuple[np.ndarray, fc.Result]:
-    """Return positions (LOOKS, n, 3) at the times of the comparison, and the run."""
-    stops, places = np.linspace(0, T_END, LOOKS + 1)[1:], {}
-
-    def keep(info):
-        if np.isclose(stops, info.t, rtol=1e-9, atol=0).any():
-            places[info.t] = info.result.state.x
-
-    run = fc.run(system, method, start, dt, T_END, stops=stops[:-1], report=keep)
-    return np.array([places[t] for t in sorted(places)]), run
-
-
 def measure(seed: int) -> tuple[str, fc.Result, float]:
     """Return the words of a set-up, its run and its true error."""
     system, start, method, dt, name = draw(seed)
-    x, run = march(system, start, method, dt)
+    told = march(system, start, method, dt, T_END)
     finer = (method, dt / FINER) if dt else (method.method, FINEST)
-    exact, _ = march(system, start, *finer)
-    m = system.nodal_mass
-
-    def size(way):
-        return np.sqrt(np.einsum("tni,n->t", way**2, m) / m.sum()).max()
-
-    return name, run, float(size(x - exact) / size(exact - start.x))
+    exact = march(system, start, *finer, T_END).places
+    error = distance(system, told.places, exact) / distance(system, exact, start.x[None])
+    return name, told.run, error
 
 
 def main() -> int:

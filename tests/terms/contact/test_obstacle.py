@@ -37,6 +37,13 @@ BELOW = {  # each has its top near (0.15, 0.1, 0)
 }
 
 
+@pytest.fixture
+def analytic(monkeypatch):
+    """Without ipctk, where a box and a disk act on points of the cloth, by their distance."""
+    monkeypatch.setattr("fecloth.terms.contact.obstacle.is_installed", lambda: False)
+
+
+@pytest.mark.usefixtures("analytic")
 @pytest.mark.parametrize("element", ["P1", "P2"])
 @pytest.mark.parametrize("name", BELOW)
 def test_derivatives_where_the_curvature_jumps(name, element, rng):
@@ -60,6 +67,7 @@ def test_derivatives_where_the_curvature_jumps(name, element, rng):
     assert error < 1e-5 * np.linalg.norm(exact)
 
 
+@pytest.mark.usefixtures("analytic")
 @pytest.mark.parametrize("name", BELOW)
 def test_the_definite_tangent_is(name, rng):
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1)
@@ -159,9 +167,9 @@ def test_a_ball_does_not_dip_into_triangles_between_their_nodes():
     assert ball.shape.distance(state.x, 0.0).min() > 0.01  # it lies on the insides alone
 
 
-def test_edges_that_may_cut_into_large_triangles_are_told(small, monkeypatch):
+@pytest.mark.usefixtures("analytic")
+def test_edges_that_may_cut_into_large_triangles_are_told(small):
     """Without ipctk; with it the edges of the box act themselves."""
-    monkeypatch.setattr("fecloth.terms.contact.obstacle.is_installed", lambda: False)
     box = fc.Obstacle(S.Box((0.2, 0.15, -0.5), (0.1, 0.1, 0.1)), gap=1e-4)
     for gap, told in ((1e-4, True), (2e-2, False)):
         system = fc.System(small, FABRIC, [fc.StVK(), replace(box, gap=gap)])
@@ -169,6 +177,7 @@ def test_edges_that_may_cut_into_large_triangles_are_told(small, monkeypatch):
         assert any("Obstacle has edges that may cut up to" in each for each in words) == told
 
 
+@pytest.mark.usefixtures("analytic")
 @pytest.mark.parametrize(
     ("shape", "words"),
     [
@@ -180,8 +189,7 @@ def test_edges_that_may_cut_into_large_triangles_are_told(small, monkeypatch):
         ),
     ],
 )
-def test_only_a_shape_with_edges_is_said_to_cut_by_them(small, shape, words, monkeypatch):
-    monkeypatch.setattr("fecloth.terms.contact.obstacle.is_installed", lambda: False)
+def test_only_a_shape_with_edges_is_said_to_cut_by_them(small, shape, words):
     system = fc.System(small, FABRIC, [fc.StVK(), fc.Obstacle(shape, gap=1e-5)])
     assert any(re.search(words, each) for each in warnings_before(system, 0.01, 0.1))
 
