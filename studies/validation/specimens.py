@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -103,12 +104,12 @@ def changes_at_end(yarn: str, knit: str, name: str) -> dict[tuple[str, int], flo
 UNITS = {"force": "N", "half": "m"}
 
 
-def knit_rows(yarn: str, knit: str, repeats: Sequence[int]) -> Rows:
-    """Each of some repeats left out of both directions, then each force and width."""
+def knit_rows(yarn: str, knit: str) -> Rows:
+    """Each repeat left out of both directions, then each force and width."""
     every = range(1, 6)
     rows = []
     start = knits.START
-    for left_out in repeats:
+    for left_out in every:
         kept = [number for number in every if number != left_out]
         tests = [
             knit_test(yarn, knit, d, list(COLUMNS), numbers, fitted)
@@ -218,15 +219,13 @@ def summaries(rows: Rows) -> Rows:
 
 def main() -> int:
     options = harness.parse_arguments(__doc__ or "")
-    angles, repeats, pairs, steps = nylon.ANGLES, range(1, 6), None, nylon.STEPS
     if options.quick:
-        angles, repeats, pairs, steps = (45,), (1,), [("acrylic", "garter")], nylon.FEW
-    rows = nylon_rows(angles, steps)
-    for yarn, knit in pairs or [(yarn, knit) for yarn in YARNS for knit in knits.KNITS]:
-        rows += knit_rows(yarn, knit, repeats)
-    if not options.quick:
-        for knit in knits.KNITS:
-            rows += other_yarn_rows(knit)
+        return write(options, nylon_rows((45,), nylon.FEW))
+    rows = nylon_rows(nylon.ANGLES, nylon.STEPS)
+    for yarn, knit in product(YARNS, knits.KNITS):
+        rows += knit_rows(yarn, knit)
+    for knit in knits.KNITS:
+        rows += other_yarn_rows(knit)
     return write(options, rows)
 
 
