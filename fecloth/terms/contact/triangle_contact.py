@@ -19,7 +19,7 @@ from fecloth.terms.contact.inside import MOST_NAMED
 from fecloth.terms.contact.shape import Shape, TimeDifference
 from fecloth.terms.contact.sliding_triangles import SlidingTriangles, turn, turn_matrix
 from fecloth.terms.contact.toolkit import ContactSets
-from fecloth.terms.contact.touches import Touches
+from fecloth.terms.contact.touches import Touches, collect_at_nodes
 from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import CONTACT
@@ -156,6 +156,11 @@ class BoundTriangleContact(BoundContact):
         if not len(self.sets.at(y)):
             return None
         normals, pushes = self.sets.pushes(y)
+        shares = sparse.identity(len(pushes), format="csr")
+        if len(self.sets.fixed):
+            normals, pushes, shares = collect_at_nodes(normals, pushes)
+        if not len(pushes):
+            return None
         v_of_surface: np.ndarray = np.zeros_like(new.x)
         rows = normals
         if self.body is not None:
@@ -168,7 +173,7 @@ class BoundTriangleContact(BoundContact):
             before=normals @ self.slip(old.x, old.v, old.t).ravel(),
             pushed=h * pushes,
             restitution=np.full(len(pushes), self.restitution),
-            shares=sparse.identity(len(pushes), format="csr"),
+            shares=shares,
         )
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
