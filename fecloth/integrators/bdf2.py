@@ -35,6 +35,25 @@ class Change:
 
 
 @dataclass(frozen=True)
+class FirstStep(BackwardEuler):
+    """x₁ = x₀ + dt (v₀ + v₁)/2,  M (v₁ − v₀)/dt = f(x₁, v₁): the first step with contact.
+
+    It does not depend on the force at its begin: that force is not known, as a cloth that stands
+    still may be held by any friction below the limit. A constant acceleration is exact, of a
+    cloth that is free and of one that sticks to what accelerates.
+    """
+
+    def stage(self, state: State, dt: float) -> Stage:
+        """Return the stage at the end of the step for q = v₁ − v₀."""
+        stage = super().stage(state, dt)
+        return replace(stage, wx=0.5 * dt, w_end=0.5 * dt)
+
+    def difference(self, state: State, dt: float) -> StepDifference:
+        """The rate of the trapezoidal rule."""
+        return BDF2().difference(state, dt, None)
+
+
+@dataclass(frozen=True)
 class BDF2(WithMemory):
     """x₁ = x₀ + e Δx₋ + b dt v₁,  v₁ = v₀ + e Δv₋ + b dt a₁,  M a₁ = f(x₁, v₁);  q = v₁ − v₀.
 
@@ -42,7 +61,7 @@ class BDF2(WithMemory):
     b = (1 + r)/(1 + 2r). Second order, also with steps of changing size, whose ratio r must stay
     below 1 + √2 for stability; A-stable and L-stable at constant steps: fast modes vanish, slow
     ones lose about (ω dt)⁴/4 of their amplitude a step (1.7e-3 at ω dt = 0.3). The first step is
-    by the trapezoidal rule, or with contact by backward Euler. Strain rates are the same
+    by the trapezoidal rule, or with contact by `FirstStep`. Strain rates are the same
     differences of E, so that damping has a potential over the step.
     Keeps linear momentum, loses angular momentum and energy.
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, III.5.
@@ -90,16 +109,15 @@ class BDF2(WithMemory):
     def _open(self, begin: Begin, solver: SolverContext | None) -> Opening:
         """Open a step after the step that left the memory of `begin`; q = v₁ − v₀.
 
-        The first step is a step of the trapezoidal rule. With contact it is a step of backward
-        Euler, which does not depend on the force at its begin: that force is not known, as a
-        cloth that stands still may be held by any friction below the limit. BDF2 remains of
-        second order with one step of first order. `solver` serves the trapezoidal rule only.
+        The first step is a step of the trapezoidal rule, or with contact a `FirstStep`: BDF2
+        remains of second order with one step of first order. `solver` serves the trapezoidal
+        rule only.
         """
         system, state, dt, memory, history = begin
         if any(term.needs_end for term in system.bound):
             share_mass(system)
             if memory is None:
-                return BackwardEuler()._open(begin, solver)
+                return FirstStep()._open(begin, solver)
         over = system.over_step(self.difference(state, dt, memory), history)
         if memory is None:
             return Newmark()._open(begin, solver, over)
@@ -163,6 +181,6 @@ def _make_memory(opening: Opening, struck: Struck) -> Change:
     old = opening.begin
     new = struck.state
     dt = new.t - old.t
-    h = opening.stage.wv / opening.stage.wa
+    h = opening.stage.w_end
     dx = new.x - old.x + (dt - h) * struck.stroke + h * struck.beyond
     return Change(dt, dx, new.v - old.v - struck.stroke)

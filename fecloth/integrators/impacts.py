@@ -87,7 +87,10 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     Its state is `new` itself if no impulse changes v. Raises `NewtonFailed` if no impulses are
     found.
     """
-    parts = [term.touches(opening.begin, new) for term in opening.over.bound]
+    # A force that lasts adds h times itself to v in each step, and a force of one step dt times
+    # itself, with what the method remembers of it.
+    h = opening.stage.wv / opening.stage.wa
+    parts = [term.touches(opening.begin, new, h) for term in opening.over.bound]
     touching = [part for part in parts if part is not None]
     if not touching:
         return Struck(new, np.zeros_like(new.v), np.zeros_like(new.v))
@@ -120,10 +123,7 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     work = touches.surface * beyond
     ends = np.cumsum([0 if part is None else len(part.surface) for part in parts])[:-1]
     works = tuple(float(each.sum()) for each in np.split(work, ends))
-    # Friction acts in the next step: a force that lasts adds h times itself to v in each step,
-    # and a force of one step dt times itself, with what the method remembers of it.
-    lasting = opening.stage.wv / opening.stage.wa
-    times = np.where(strikes, opening.dt, lasting)
+    times = np.where(strikes, opening.dt, h)  # friction acts in the next step
     of_points = [0 if part is None else part.shares.shape[0] for part in parts]
     forces = tuple(np.split(touches.shares @ (impulses / times), np.cumsum(of_points)[:-1]))
     stroke = of_impacts = np.zeros_like(new.v)

@@ -119,6 +119,8 @@ class StaticEquation:
         for term, factor, t in self.terms():
             f = np.zeros_like(state.x)
             term.add_force(state.x, state.v, t, f)
+            if state is self.start and not np.isfinite(f).all():
+                continue  # an obstacle has moved there since
             total += factor * f
             scale += factor * self.system.force_size(f)
         return self.system.constraints.reduce(total), scale

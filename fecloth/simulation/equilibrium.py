@@ -230,7 +230,7 @@ def equilibrium(
         t=t,
         x=solved.x,
         v=still,
-        history=_history_for_runs(system, history),
+        history=history,
         residual=solved.counts.residual,
         iterations=solved.counts.newton,
         factorisations=solved.counts.factorisations,
@@ -250,15 +250,6 @@ def _solve_at_once(
     whole = increments.LoadIncrement(system, start, 1.0, 1.0, start.t, start.t, history)
     solved, over = increments.solve_increment(whole, None, context, report)
     return solved, over.commit(replace(start, x=solved.x), history)
-
-
-def _history_for_runs(system: System, history: History | None) -> History | None:
-    """Return the records with which a run goes on: what has slid in the fabric stays.
-
-    Friction of contact, which lags, begins anew.
-    """
-    pairs = zip(system.bound, history or (), strict=False)
-    return tuple(None if term.lags else record for term, record in pairs) or None
 
 
 def _warn(doubts: Iterable[Doubt]) -> None:

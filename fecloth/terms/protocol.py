@@ -371,8 +371,7 @@ class BoundTerm:
     def with_history(self, record: Any) -> "BoundTerm":
         """The term with its record, between two steps: its energy is the energy stored there.
 
-        The ledger asks for it, and methods that need the force at the begin of a step. Return
-        the term itself if it acts without the record there, as friction of contact does.
+        The ledger asks for it, and methods that need the force at the begin of a step.
         """
         return self
 
@@ -394,8 +393,10 @@ class BoundTerm:
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for positions (n, 3) that the term does not allow."""
 
-    def touches(self, old: Any, new: Any) -> Any:
+    def touches(self, old: Any, new: Any, h: float) -> Any:
         """The `contact.touches.Touches` at the end of a step from the `State` old to new, or None.
+
+        Its force at the end has changed the momentum by h [s] times itself.
 
         It is asked of the result of `over_step`: impulses then decide how fast they open.
         """

@@ -9,8 +9,6 @@ import numpy as np
 class Increment(NamedTuple):
     """An increment of the loads in place of a step in time; `StepDifference.dt` is its size.
 
-    Only friction depends on speeds: its potential takes the way over the increment for them.
-
     Attributes
     ----------
     t

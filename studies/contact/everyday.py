@@ -1,6 +1,7 @@
 """Do everyday scenes of contact end, how wrong are they in time, and what do they cost?
 
-By BDF2. The error is the root mean square distance to the run with half of dt, over the way.
+A quarter of a second of each, by BDF2. The error is the root mean square distance to the run with
+half of dt, over the way.
 
     python -m studies.contact.everyday [--quick] [--only NAME ...] [--dt 2.5]
 """

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import root
 
 import fecloth as fc
-from fecloth.terms.bending.sliders import Sliders
+from fecloth.terms.sliders import Sliders
 from studies.models.homogenised_moduli import FABRIC, NU, H, Y, published
 
 SIZES = (((4, 4), 1), ((4, 3), -1), ((3, 4), -1), ((3, 3), 1))

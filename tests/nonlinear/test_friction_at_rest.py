@@ -39,7 +39,7 @@ def on_a_slope(part, mu=0.3, lift=0.0):
 
 @pytest.mark.parametrize("load_steps", stories_except([None, 3], None))
 def test_a_sheet_holds_on_a_slope_below_the_angle_of_friction(load_steps):
-    """It creeps by less than 0.001 extents, and by f₁(y) = part of the full friction."""
+    """It gives way by the stretch F/k of the springs to its anchors, k = 100 κ A/gap."""
     part, places = 0.8, []
     for lift in (0.0, 4 * GAP):  # without any normal force at the start, too
         system, start, down = on_a_slope(part, lift=lift)
@@ -47,10 +47,8 @@ def test_a_sheet_holds_on_a_slope_below_the_angle_of_friction(load_steps):
         places.append((end.x - start.x) @ down)
         assert "depends on the way there" in end.reason
         assert not end.warnings
-    y = 1 - math.sqrt(1 - part)  # 2y − y² = part
-    loads = np.arange(1, (load_steps or 1) + 1) / (load_steps or 1)
-    assert loads[-1] == 1.0  # the sheet creeps alike in each step: normal and shear grow together
-    np.testing.assert_allclose(places, y * 1e-3 * 0.2, rtol=1e-3)
+    shear = 0.2 * 9.81 * math.sin(math.atan(part * 0.3))  # per area
+    np.testing.assert_allclose(places, shear / (100 * 1e3 / GAP), rtol=1e-3)
 
 
 @pytest.mark.parametrize("load_steps", stories_except([None, 2], None))
@@ -119,7 +117,7 @@ def test_a_push_below_the_friction_moves_nothing(force, slips):
             fc.equilibrium(system, system.state(start))
     else:
         way = fc.equilibrium(system, system.state(start)).x - start
-        assert 0 < way[:, 0].max() < 1e-3 * 0.2
+        assert 0 < way[:, 0].max() < 1e-6
 
 
 @pytest.mark.stories

@@ -7,8 +7,8 @@ import fecloth as fc
 
 pytest.importorskip("ipctk")
 from studies.evidence.contact.catalogue_bodies import Motion, turn_about
-from studies.evidence.contact.catalogue_runs import count_cut, count_swept
-from studies.evidence.contact.catalogue_scenes import draw
+from studies.evidence.contact.catalogue_runs import count_cut, count_swept, watch
+from studies.evidence.contact.catalogue_scenes import KINDS, draw
 
 TRIANGLE = np.array([[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 2.0, 0.0]]])
 POINT = np.zeros((1, 3))
@@ -57,3 +57,17 @@ def test_bodies_and_terms_agree_on_what_is_inside(kind, rng):
         x = body.centre + 0.1 * rng.standard_normal((300, 3))
         for t in (0.0, 0.03):
             assert ((term.room(x, t) < 0) == (body.deep(x, t) > 0)).all()
+
+
+SEED, MOST = 8, 45  # of the scenes; iterations after which a scene is left, soon after its impact
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize(("kind", "numbers"), zip(KINDS, (5, 4, 4, 5, 4, 4, 4), strict=True))
+def test_nothing_is_crossed_inside_or_lost(kind, numbers):
+    """Thirty scenes; `python -m studies.evidence.contact.catalogue` has more, to their ends."""
+    for number in range(numbers):
+        row = watch(kind, SEED, number, MOST)
+        assert row["end"] == "finished", row["message"]
+        assert (row["crossings"], row["piercings"]) == (0, 0), number
+        assert min(row["least"], row["least_inside"]) > 0.0, number

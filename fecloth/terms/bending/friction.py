@@ -15,10 +15,10 @@ from fecloth.mesh.edge_slopes import turn_curvature
 from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles, pointers
 from fecloth.terms.bending.plate_stiffness import block_diagonal, of_parts, panel_plate
-from fecloth.terms.bending.sliders import Sliders
 from fecloth.terms.loops.shared_loop import SharedLoop
 from fecloth.terms.protocol import At, BoundTerm
 from fecloth.terms.records import remembered
+from fecloth.terms.sliders import Sliders
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import BOTH, DAMPING
 
@@ -40,7 +40,7 @@ class BendingFriction:
 
     the energy per area over a step is s²/(2 s_y) where s ≤ s_y, else s − s_y/2 [J/m²]. At the
     end of the step κ_s moves towards κ until s = s_y, and s − s_y per area is heat: the column
-    ``dissipated:BendingFriction``. `fecloth.terms.bending.sliders` has the law, and the page
+    ``dissipated:BendingFriction``. `fecloth.terms.sliders` has the law, and the page
     fecloth/terms/bending/FRICTION.md says when it matters.
 
     At the start κ_s = κ, so that there is no moment. Only a run that starts from an

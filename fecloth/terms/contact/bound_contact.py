@@ -6,51 +6,50 @@ A subclass of `BoundContact` has the barrier, and says what slides: `BoundObstac
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.terms.contact.friction import Sliding
+from fecloth.terms.contact.friction import MOST_STRETCH_OVER_GAP, Friction, Grips, Springs
 from fecloth.terms.contact.guess import Way
-from fecloth.terms.contact.shape import TimeDifference
 from fecloth.terms.contact.touches import Touches
+from fecloth.terms.last_states import LastStates
 from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.records import remembered
+from fecloth.terms.sliders import Sliders
 from fecloth.terms.step_difference import StepDifference
 
 NO_FORCES = np.zeros(0)
-Rubbing = Iterable[tuple[Any, np.ndarray]]  # each `Sliding`, and its velocities w
+NO_STRETCH = np.zeros((0, 3))
 
 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """The last step: friction has its λ and directions at its end.
+    """Where friction sticks at the end of a step.
 
     Attributes
     ----------
     place
         Positions (n, 3) at the end of the step [m].
-    start
-        Positions (n, 3) at its begin [m].
-    begin
-        Time at its begin [s].
-    dt
-        Its size [s].
+    t
+        The time then [s].
+    stretch
+        e (p, 3) [m] of the springs to the anchors, in the frame of the body, at all places that
+        touch then, in the order of `BoundContact.find_touches`. Empty where all are 0.
     forces
-        The mean normal forces (p,) [N] over it at all places that touch at its end, in the order
-        of `BoundContact.find_touches`; empty where they are not known.
+        The mean normal forces (p,) [N] over the step at these places; empty where they are not
+        known.
     """
 
     place: np.ndarray
-    start: np.ndarray
-    begin: float
-    dt: float
+    t: float
+    stretch: np.ndarray = field(default_factory=lambda: NO_STRETCH)
     forces: np.ndarray = field(default_factory=lambda: NO_FORCES)
 
 
@@ -67,24 +66,28 @@ class BoundContact(BoundTerm):
         The `Shape` with which it moves and turns; None where it does not move.
     restitution
         Part of the speed that an impact leaves.
+    last
+        Where friction sticks; None before a run: then there is no friction.
     """
 
     friction: float
     gap: float
     body: Any
     restitution: float
+    last: Touched | None
 
+    symmetric = True
     has_energy = True
     stores_strain = False
+    couples_nodes = False
     needs_end = "the barrier must hold at the end of a step"
 
     @property
-    def velocity_dependent(self) -> bool:
+    def dissipative(self) -> bool:
         return self.friction > 0.0
 
-    dissipative = velocity_dependent
-    needs_path = velocity_dependent
-    lags = velocity_dependent
+    needs_path = dissipative
+    lags = dissipative
 
     @property
     def supplies(self) -> bool:
@@ -96,44 +99,34 @@ class BoundContact(BoundTerm):
     def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
         """What it touches at the end of a step of time from the `State` old to new.
 
-        `h` is `StepDifference.h` [s]: over the step the barrier has given h times its force.
+        Over the step the barrier has changed the momentum by h [s] times its force.
         """
         raise NotImplementedError
 
-    def lag(
-        self,
-        x: np.ndarray,
-        t: float,
-        difference: TimeDifference | None,
-        forces: np.ndarray = NO_FORCES,
-    ) -> Sequence[Sliding]:
-        """What slides at the positions x (n, 3) and the time t.
+    def grips(self, x: np.ndarray, t: float, forces: np.ndarray = NO_FORCES) -> Sequence[Grips]:
+        """What touches at x (n, 3) and t, in the order of `find_touches`.
 
-        The velocity of the surface is by the `difference`, or with None that at t. The normal
-        forces are those of the barrier, or the `forces` (p,) [N] of `Touched`.
+        The normal forces are those of the barrier, or the `forces` (p,) [N] of `Touched`.
         """
         raise NotImplementedError
 
-    def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
-        """f (n, 3) += the force [N] of the barrier, and of friction."""
+    def barrier(self, x: np.ndarray, t: float) -> float:
+        """The energy of the barrier [J]; +∞ if a point is inside."""
         raise NotImplementedError
 
-    def add_tangents(
-        self,
-        x: np.ndarray,
-        t: float,
-        wx: float,
-        rubbing: Rubbing,
-        weight: float,
-        J: BlockMatrix,
-        definite: bool,
+    def add_push(self, x: np.ndarray, t: float, f: np.ndarray) -> None:
+        """f (n, 3) += the force of the barrier [N]; NaN if a point is inside."""
+        raise NotImplementedError
+
+    def add_push_tangent(
+        self, x: np.ndarray, t: float, wx: float, J: BlockMatrix, definite: bool
     ) -> None:
-        """J += wx K of the barrier, and `weight` D of friction."""
+        """J += wx K of the barrier."""
 
-    def couplings(
-        self, x: np.ndarray, t: float, wx: float, rubbing: Rubbing, weight: float, definite: bool
+    def push_coupling(
+        self, x: np.ndarray, t: float, wx: float, definite: bool
     ) -> sparse.spmatrix | None:
-        """(3n, 3n) the part of `add_tangents` outside the fixed pattern; None without any."""
+        """(3n, 3n) the part of wx K outside the fixed pattern; None without any."""
         return None
 
     # --- the first guess of a step; positions are in the frame of the body ---------------------
@@ -164,32 +157,112 @@ class BoundContact(BoundTerm):
         """
         raise NotImplementedError
 
+    # --- friction -----------------------------------------------------------------------------
+
+    def rotation(self, t: float) -> np.ndarray:
+        """R (3, 3) from the frame of the body to space."""
+        if self.body is None:
+            return np.eye(3)
+        R: np.ndarray = self.body.pose(t).R
+        return R
+
+    def carried(self, x: np.ndarray, begin: float, end: float) -> np.ndarray:
+        """Positions (n, 3) to which the body takes x (n, 3) from one time to another [m]."""
+        if self.body is None:
+            return x
+        y: np.ndarray = self.body.pose(end).to_space(self.body.pose(begin).to_body(x))
+        return y
+
+    def spring(
+        self, last: Touched, t: float, now: np.ndarray | None = None, holds: bool = False
+    ) -> Friction:
+        """The springs at the time t, with the anchors of the record `last`.
+
+        λ and the normals are those of the record, or those at the positions `now` (n, 3) at t.
+        If it `holds`, no spring slides at the record's place.
+        """
+        if not self.friction:
+            return Friction()
+        grips = self.grips(last.place, last.t, last.forces)
+        stretch = last.stretch
+        if not len(stretch):
+            stretch = np.zeros((sum(len(each.n) for each in grips), 3))
+        ends = np.cumsum([len(each.n) for each in grips], dtype=int)
+        stretches = np.split(stretch, ends[:-1]) if len(grips) else []
+        if now is not None:
+            before = grips
+            grips = self.grips(now, t)
+            stretches = [each.hand_on(before, stretches) for each in grips]
+        R = self.rotation(t)
+        carried = self.carried(last.place, last.t, t)
+        springs = []
+        for each, e in zip(grips, stretches, strict=True):
+            limit = self.friction * each.push
+            stiffness = each.stiffness
+            if holds:
+                limit = np.maximum(limit, stiffness * np.linalg.norm(e, axis=1))
+            else:
+                stiffness = np.maximum(stiffness, limit / (MOST_STRETCH_OVER_GAP * self.gap))
+            sliders = Sliders.of_contact(limit, stiffness)
+            anchors = each.places.values(carried) - e @ R.T
+            springs.append(Springs(each, each.n @ R.T, anchors, sliders))
+        return Friction(springs)
+
+    def held(self, t: float) -> Friction:
+        """The springs between two steps."""
+        if self.last is None:
+            return Friction()
+        return self.spring(self.last, t, holds=True)
+
+    def settle(self, friction: Friction, x: np.ndarray, t: float) -> tuple[float, Touched]:
+        """Return the heat [J] of a step with this `friction`, and its record.
+
+        The step ends at x (n, 3) at the time t. Anchors have followed the places that slid; those
+        of places that do not touch any more are dropped, and what their springs had stored is
+        heat.
+        """
+        heat = 0.0
+        left = []
+        for each in friction.springs:
+            e = each.stretch(x)
+            kept = each.sliders.left(e)
+            left.append(kept @ self.rotation(t))
+            heat += float((each.sliders.heat(e) + each.sliders.energy(kept)).sum())
+        stretches = [NO_STRETCH]
+        for grips in self.grips(x, t):
+            e = grips.hand_on([each.grips for each in friction.springs], left)
+            stretches.append(e)
+            heat -= grips.stored(e)
+        return heat, Touched(place=x, t=t, stretch=np.concatenate(stretches))
+
     # --- at one state -------------------------------------------------------------------------
 
-    def rubbing(self, x: np.ndarray, v: np.ndarray, t: float) -> Rubbing:
-        """What slides at one state, with its velocities."""
-        if not self.friction:
-            return ()
-        return [(sliding, sliding.slip(sliding.values(v))) for sliding in self.lag(x, t, None)]
+    def energy(self, x, t) -> float:
+        """The energy of the barrier, and what the springs of friction store [J]."""
+        return self.barrier(x, t) + self.held(t).energy(x)
 
     def add_force(self, x, v, t, f) -> None:
-        """f += the force of the barrier, and friction [N].
-
-        At v = 0 it is the derivative of the energy: the friction of an obstacle that moves
-        past a cloth at rest is left out.
-        """
-        rubbing: Rubbing = ()
-        if v.any():
-            rubbing = self.rubbing(x, v, t)
-        self.add_forces(x, t, rubbing, f)
+        """f += the force of the barrier, and of the springs of friction [N]."""
+        self.add_push(x, t, f)
+        self.held(t).add_force(x, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K of the barrier, and wv D of friction."""
-        self.add_tangents(x, t, wx, self.rubbing(x, v, t), wv, J, definite)
+        """J += wx K."""
+        self.add_push_tangent(x, t, wx, J, definite)
+        self.held(t).add_tangent(x, wx, J)
+
+    def coupling(self, x, v, t, wx, wv, definite) -> sparse.spmatrix | None:
+        """wx K outside the fixed pattern."""
+        return join(self.push_coupling(x, t, wx, definite), self.held(t).couplings(x, wx))
+
+    def push(self, x: np.ndarray, t: float) -> np.ndarray:
+        f = np.zeros_like(x)
+        self.add_push(x, t, f)
+        return f
 
     def power(self, x, v, t) -> float:
-        """Dissipated power Σ μ λ f₁(y) y of friction [W]."""
-        return sum(sliding.power(w) for sliding, w in self.rubbing(x, v, t))
+        """Zero: no force depends on v. `dissipation` is the heat of a step."""
+        return 0.0
 
     def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
         """Return the work [J] on the cloth by a shape that deforms from the time `before` to t.
@@ -199,27 +272,30 @@ class BoundContact(BoundTerm):
         """
         return 0.0
 
-    @property
-    def keeps_history(self) -> bool:
-        """Whether a step depends on the step before."""
-        return self.friction > 0.0
-
     def start_history(self, x: np.ndarray, t: float) -> Touched | None:
-        if self.keeps_history:
-            return Touched(place=x, start=x, begin=t, dt=1.0)
-        return None
+        return Touched(place=x, t=t) if self.friction else None
+
+    def with_history(self, record: Touched) -> Self:
+        return replace(self, last=record)  # type: ignore[type-var]  # a subclass is a dataclass
 
     def over_step(self, step: StepDifference) -> BoundTerm:
         return ContactOverStep(self, step)
 
 
+def join(
+    first: sparse.spmatrix | None, others: Sequence[sparse.spmatrix]
+) -> sparse.spmatrix | None:
+    """The sum of matrices; None without any."""
+    parts = list(others) if first is None else [first, *others]
+    return sum(parts[1:], start=parts[0]) if parts else None
+
+
 @dataclass(frozen=True, eq=False)
 class ContactOverStep(BoundTerm):
-    """A contact over a step that ends at x; friction has the potential h Σ μ λ f₀(y).
+    """A contact over a step that ends at x; friction has the potential of its springs.
 
-    λ and the directions of sliding are taken at the end of the last step, if that was
-    committed. The velocity is the method's difference. Over an `Increment` of the loads it is
-    the way over the increment, divided by its size.
+    λ and the directions of sliding are taken at the end of the last step, or over an `Increment`
+    of the loads at its end, as far as it is known from the iteration before (`Increment.place`).
     """
 
     contact: BoundContact
@@ -237,90 +313,49 @@ class ContactOverStep(BoundTerm):
     lags = needs_path
 
     @cached_property
-    def last(self) -> Touched:
-        """The record of the step before; in a first step, of a cloth at rest at the start."""
-        start = self.step.start
-        t = self.step.t
-        if self.step.history:
-            return self.step.history
-        return Touched(place=start, start=start, begin=t, dt=1.0)
+    def friction(self) -> Friction:
+        """The springs of friction over the step, with fixed normal forces and directions."""
+        step = self.step
+        last = step.history or Touched(place=step.start, t=step.t)
+        now = step.increment.place if step.increment else None
+        return self.contact.spring(last, step.end, now)
+
+    @cached_property
+    def settled(self) -> LastStates[tuple[float, Touched]]:
+        """Of x and t: the heat [J] of the step, and its record."""
+        return LastStates(lambda x, t: self.contact.settle(self.friction, x, t))
 
     def commit(self, x: np.ndarray, t: float) -> Touched | None:
-        """Return the record of this step, which ends at x and t; None if none is needed."""
-        if not self.contact.keeps_history:
-            return None
-        step = self.step
-        return Touched(place=x, start=step.start, begin=step.t, dt=step.dt)
-
-    def touches(self, old: Any, new: Any) -> Touches | None:
-        return self.contact.find_touches(old, new, self.step.h)
-
-    @cached_property
-    def sliding(self) -> Sequence[Sliding]:
-        """What slides over the step, with fixed normal forces and directions of sliding.
-
-        In a step of time, these are taken at its begin, where the last step ended. In an
-        increment of the loads they are taken at the end of the increment, as far as it is known
-        from the iteration before (`Increment.place`), and else at its begin.
-        """
+        """Return the record of this step, which ends at x; None without friction."""
         if not self.contact.friction:
-            return ()
-        step = self.step
-        end = self.end
-        difference = difference_in_time(step)
-        if not step.increment:
-            return self.contact.lag(self.last.place, step.t, difference, self.last.forces)
-        if step.increment.place is None:
-            return self.contact.lag(step.start, step.t, difference)
-        return self.contact.lag(step.increment.place, end, difference)
+            return None
+        return self.settled(x, self.end)[1]
 
-    @cached_property
-    def past(self) -> Sequence[np.ndarray]:
-        """Σ cᵢ xᵢ [m] at the points of each `Sliding`."""
-        past = np.add.reduce([weight * x for weight, x in self.step.past])
-        return [sliding.values(past) for sliding in self.sliding]
-
-    def rubbing(self, x: np.ndarray) -> Rubbing:
-        """What slides, with its velocities by the method's difference."""
-        h = self.step.h
-        for sliding, past in zip(self.sliding, self.past, strict=True):
-            yield sliding, sliding.slip((sliding.values(x) - past) / h)
+    def touches(self, old: Any, new: Any, h: float) -> Touches | None:
+        return self.contact.find_touches(old, new, h)
 
     def energy(self, x, t) -> float:
-        """The energy of the barrier, and h Σ μ λ f₀(y) [J]."""
-        energy: float = self.contact.energy(x, t)
-        for sliding, w in self.rubbing(x):
-            energy += self.step.h * sliding.rate(w)
-        return energy
+        """The energy of the barrier, and Σ φ(e) [J]."""
+        return self.contact.barrier(x, t) + self.friction.energy(x)
 
     def add_force(self, x, v, t, f) -> None:
-        """f += the force of the barrier at rest, and −μ λ f₁(y)/y w [N]."""
-        self.contact.add_forces(x, t, self.rubbing(x), f)
+        """f += the force of the barrier, and −∂φ/∂x [N]."""
+        self.contact.add_push(x, t, f)
+        self.friction.add_force(x, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; the part of friction is positive semi-definite."""
-        weight = wx / self.step.h
-        self.contact.add_tangents(x, t, wx, self.rubbing(x), weight, J, definite)
+        self.contact.add_push_tangent(x, t, wx, J, definite)
+        self.friction.add_tangent(x, wx, J)
 
     def coupling(self, x, v, t, wx, wv, definite):
-        weight = wx / self.step.h
-        return self.contact.couplings(x, t, wx, self.rubbing(x), weight, definite)
+        return join(self.contact.push_coupling(x, t, wx, definite), self.friction.couplings(x, wx))
 
     def dissipation(self, x: np.ndarray) -> float:
-        """Return the energy [J] that friction dissipates in a step that ends at x.
-
-        It is dt Σ μ λ f₁(y) y, with the mean velocities over the step.
-        """
-        power = 0.0
-        step = self.step
-        sliding = self.sliding
-        if self.contact.supplies and not step.increment:  # what it slides on moves
-            mean = mean_in_time(step)
-            sliding = self.contact.lag(self.last.place, step.t, mean, self.last.forces)
-        for each in sliding:
-            way = each.values(x) - each.values(step.start)
-            power += each.power(each.slip(way / step.dt))
-        return step.dt * power
+        """Return the heat [J] of friction in a step that ends at x."""
+        if not self.contact.friction:
+            return 0.0
+        return self.settled(x, self.end)[0]
 
     def work(self, x: np.ndarray) -> float:
         """Return the work [J] of the body on the cloth over the step; 0 without a body.
@@ -333,36 +368,13 @@ class ContactOverStep(BoundTerm):
         t = self.end
         if contact.body is None:
             return 0.0
-        begin_in_body = contact.body.pose(self.step.t).to_body(start)
         f = np.zeros_like(x)
         self.add_force(x, start, t, f)  # its second argument, the velocity, is not used
-        carried_way = contact.body.pose(t).to_space(begin_in_body) - start
+        carried_way = contact.carried(start, self.step.t, t) - start
+        begin_in_body = contact.body.pose(self.step.t).to_body(start)
         work_of_shape = contact.work_of_shape(begin_in_body, x, before=self.step.t, t=t)
         return float((f * carried_way).sum()) + work_of_shape
 
     def way(self, t: float) -> Way:
         begin = self.contact.begin(self.step, t)
         return Way(contact=self.contact, begin=begin, start=self.step.start, t=t)
-
-
-def difference_in_time(step: StepDifference) -> TimeDifference:
-    """The method's difference of a function of time, for what the cloth slides on.
-
-    The first of the places of `past` is the begin of the step. A second one, of BDF2, is before
-    it: where the difference of the time itself is 1. Over an increment of the loads it is the
-    mean from its begin to its end, and nothing if it has no size.
-    """
-    end = step.end
-    if step.increment and end == step.t:
-        return ()
-    if step.increment or len(step.past) != 2:
-        return mean_in_time(step)
-    (at_begin, _), (before, _) = step.past
-    time_before = step.t + (step.dt - step.h) / before
-    return (1 / step.h, end), (-at_begin / step.h, step.t), (-before / step.h, time_before)
-
-
-def mean_in_time(step: StepDifference) -> TimeDifference:
-    """The mean rate of a function of time over the step."""
-    size = step.end - step.t
-    return (1 / size, step.end), (-1 / size, step.t)

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.advance import advance, goes_through, move_out
-from fecloth.terms.contact.bound_contact import NO_FORCES, BoundContact, Rubbing
-from fecloth.terms.contact.friction import SlidingPoints, along
+from fecloth.terms.contact.bound_contact import NO_FORCES, BoundContact, Touched
+from fecloth.terms.contact.friction import STICK_OVER_BARRIER, Grips, along
 from fecloth.terms.contact.inside import refuse_inside
-from fecloth.terms.contact.points import Contacts, Points
-from fecloth.terms.contact.shape import Shape, TimeDifference
+from fecloth.terms.contact.near_points import Contacts, NearPoints
+from fecloth.terms.contact.points import Points
 from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.contact.touches import Touches, TouchingPoints, touches_at_nodes
-from fecloth.terms.last_states import LastStates
+from fecloth.terms.protocol import taken_from
 from fecloth.terms.step_difference import StepDifference
 
 # How many gaps more than it had a node may be moved away from a shape that deforms, so that no
@@ -33,175 +32,76 @@ class BoundObstacle(BoundContact):
 
     Attributes
     ----------
-    shape, gap, friction, restitution
+    near
+        The points near its shape.
+    friction, restitution
         As of the obstacle.
     stiffness
         κ [Pa].
-    creep
-        Speed of sliding ε [m/s] from which friction has its full value.
-    points
-        The kinds of points on which it acts; the nodes are the first.
+    last
+        Where friction sticks; None before a run.
     """
 
-    shape: Shape
-    gap: float
+    near: NearPoints
     stiffness: float
     friction: float
-    creep: float
-    points: tuple[Points, ...]
     restitution: float
+    last: Touched | None = None
 
     name = "Obstacle"
-
-    @property
-    def body(self) -> Shape:
-        return self.shape
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether there is no friction: its tangent is symmetric only over a step."""
-        return not self.friction
-
-    @cached_property
-    def placed_nodes(self) -> LastStates[tuple[np.ndarray, np.ndarray]]:
-        """Of x and t: the nodes (n, 3) in the frame of the body, and their distances (n,) [m]."""
-
-        def place(x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-            y = self.shape.pose(t).to_body(x)
-            return y, self.shape.distance(y, t)
-
-        return LastStates(place)
-
-    @cached_property
-    def touching(self) -> LastStates[list[Contacts]]:
-        """Of x and t: the points nearer than the gap, with their distances; a `Contacts` a kind.
-
-        A kind without such points is left out.
-        """
-        return LastStates(lambda x, t: list(self._find_touching(x, t)))
-
-    def _find_touching(self, x: np.ndarray, t: float) -> Iterator[Contacts]:
-        y_of_nodes, node_distances = self.placed_nodes(x, t)
-        for points in self.points:
-            point_numbers = points.candidates(node_distances, self.gap)
-            if not len(point_numbers):
-                continue
-            y = points.values(y_of_nodes, point_numbers)
-            s = self.shape.distance(y, t) / self.gap
-            is_touching = s < 1.0
-            if is_touching.any():
-                point_numbers = point_numbers[is_touching]
-                s = s[is_touching]
-                yield Contacts(
-                    points=points,
-                    point_numbers=point_numbers,
-                    y=y[is_touching],
-                    s=s,
-                    shape=self.shape,
-                    t=t,
-                )
+    body = shape = taken_from("near.shape")
+    gap = taken_from("near.gap")
+    points = taken_from("near.points")
+    touching = taken_from("near.touching")
+    placed_nodes = taken_from("near.placed_nodes")
 
     def normal_force(self, contacts: Contacts) -> np.ndarray:
         """Return −κ A b′(d/gap) (p,) [N]; times ∇d it is the push on a point."""
         return self.stiffness * contacts.areas * barrier.pressure(contacts.s)
 
-    def energy(self, x, t) -> float:
+    def barrier(self, x: np.ndarray, t: float) -> float:
         """Σ κ gap A b(d/gap) [J]; +∞ if a point is inside."""
         total = 0.0
         for contacts in self.touching(x, t):
             total += float((contacts.areas * barrier.value(contacts.s)).sum())
         return self.stiffness * self.gap * total
 
-    def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
-        """f −= κ A b′ ∇d, and friction [N]; NaN if a point is inside."""
-        self.add_push(x, t, f)
-        for sliding, w in rubbing:
-            sliding.add_force(w, f)
-
     def add_push(self, x: np.ndarray, t: float, f: np.ndarray) -> None:
-        """f (n, 3) −= κ A b′ ∇d [N], the force without friction; NaN if a point is inside."""
+        """f (n, 3) −= κ A b′ ∇d [N]; NaN if a point is inside."""
         for contacts in self.touching(x, t):
             if contacts.s.min() <= 0.0:  # inside, where the barrier has no force
                 f += np.nan
                 return
             gradient, _ = contacts.slopes
-            push = self.normal_force(contacts)[:, None] * gradient
-            contacts.points.add_force(contacts.point_numbers, push, f)
+            contacts.add_force(self.normal_force(contacts)[:, None] * gradient, f)
 
-    def add_tangents(self, x, t, wx, rubbing, weight, J, definite) -> None:
+    def add_push_tangent(self, x, t, wx, J, definite) -> None:
+        """J += wx κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d) [N/m].
+
+        The second part, in which b′ is negative, is left out if `definite`.
+        """
         for contacts in self.touching(x, t):
-            K = self.push_tangent(contacts, definite)
-            contacts.points.add_tangent(contacts.point_numbers, wx * K, J)
-        for sliding, w in rubbing:
-            contacts = sliding.contacts
-            contacts.points.add_tangent(contacts.point_numbers, sliding.damping(w, weight), J)
+            gradient, hessian = contacts.slopes
+            normal_stiffness = self.stiffness / self.gap * contacts.areas
+            normal_stiffness *= barrier.curvature(contacts.s)
+            K = normal_stiffness[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
+            if not definite:
+                K -= self.normal_force(contacts)[:, None, None] * hessian
+            contacts.add_tangent(wx * K, J)
 
-    def push_tangent(self, contacts: Contacts, definite: bool) -> np.ndarray:
-        """Return κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d) (p, 3, 3) [N/m].
-
-        It is minus the change of the push with x. The second part, in which b′ is negative, is
-        left out if `definite`.
-        """
-        gradient, hessian = contacts.slopes
-        normal_stiffness = self.stiffness / self.gap * contacts.areas
-        normal_stiffness *= barrier.curvature(contacts.s)
-        K = normal_stiffness[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
-        if not definite:
-            K -= self.normal_force(contacts)[:, None, None] * hessian
-        return K
-
-    def lag(
-        self,
-        x: np.ndarray,
-        t: float,
-        difference: TimeDifference | None,
-        forces: np.ndarray = NO_FORCES,
-    ) -> Sequence[SlidingPoints]:
-        """Return the points that slide at x and t: a `SlidingPoints` for each kind that touches.
-
-        The velocity of the surface is by the `difference`, or with None that at t.
-        """
-        pose = self.shape.pose(t)
-        all_sliding = []
-        touching = self.touching(x, t)
-        ends = np.cumsum([len(contacts.s) for contacts in touching])
-        for contacts, end in zip(touching, ends, strict=True):
-            gradient, _ = contacts.slopes
+    def grips(self, x: np.ndarray, t: float, forces: np.ndarray = NO_FORCES) -> Sequence[Grips]:
+        all_grips = []
+        begin = 0
+        for contacts in self.touching(x, t):
+            gradient, _ = contacts.body_slopes
             # The length of ∇d is not 1 where the distance is a formula.
-            gradient_length = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
-            normal_force = self.normal_force(contacts) * gradient_length
-            if len(forces):
-                normal_force = forces[end - len(contacts.s) : end]
-            if difference is None:
-                surface = self.shape.velocity(pose.to_space(contacts.y), t)
-            else:
-                surface = self.shape.velocity_by(contacts.y, difference)
-            sliding = SlidingPoints(
-                contacts=contacts,
-                limit=self.friction * normal_force,
-                n=gradient / gradient_length[:, None],
-                surface=surface,
-                eps=self.creep,
-            )
-            all_sliding.append(sliding)
-        return all_sliding
-
-    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K + wv D.
-
-        With friction, K has a part that is not symmetric: the change of friction with x. It is
-        left out if `definite`.
-        """
-        super().add_tangent(x, v, t, wx, wv, J, definite)
-        if definite or not self.friction:
-            return
-        _, angular_velocity, _ = self.shape.rates(t)
-        spin = np.cross(angular_velocity, np.eye(3)).T  # ∂(ω × x)/∂x
-        for sliding in self.lag(x, t, None):
-            contacts = sliding.contacts
-            change = -self.friction * self.push_tangent(contacts, definite=False)
-            K = sliding.stiffness(sliding.values(v), change, spin)
-            contacts.points.add_tangent(contacts.point_numbers, wx * K, J)
+            length = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
+            end = begin + len(length)
+            push = forces[begin:end] if len(forces) else self.normal_force(contacts) * length
+            stiffness = STICK_OVER_BARRIER * self.stiffness / self.gap * contacts.areas
+            all_grips.append(Grips(contacts, gradient / length[:, None], push, stiffness))
+            begin = end
+        return all_grips
 
     def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
         """Return the work [J] on the cloth by a shape that deforms; 0 for all other shapes.
@@ -385,11 +285,6 @@ class BoundObstacle(BoundContact):
         if total_force == 0.0:
             return math.nan
         return float(force_times_distance / total_force)
-
-    def push(self, x: np.ndarray, t: float) -> np.ndarray:
-        f = np.zeros_like(x)
-        self.add_push(x, t, f)
-        return f
 
     def slip(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
         """(n, 3) velocity [m/s] of the nodes in the gap, along and relative to the surface.

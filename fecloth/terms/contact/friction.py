@@ -1,52 +1,41 @@
-"""Coulomb friction with a smooth passage from rest to sliding, of points on an obstacle.
+"""Coulomb friction with true stick: a spring ties each place that touches to an anchor.
 
-    F = −μ λ f₁(y)/y w,   f₁(y) = 2y/ε − y²/ε² for y < ε, else 1
+    e = (1 − n nᵀ)(x − a),   F = −k e  where k |e| ≤ μ λ,   else  F = −μ λ e/|e|
 
-with the normal force λ, the velocity w of sliding, y = |w|, and a small speed ε. F is the
-derivative of the potential −μ λ f₀(y) by w, f₀′ = f₁. At rest the cloth creeps with less than ε.
+with the place x, its anchor a on what it touches, the normal n, the normal force λ and the
+stiffness k. The anchor stays while the place sticks. Where k |e| has exceeded μ λ, it follows
+at the end of the step until k |e| = μ λ, and keeps the direction of e (a return mapping). So a
+place that sticks does not creep: it stays within e = F/k, however long it is pulled.
 
-λ and the directions of sliding are taken at one place and time, `Sliding`. Over a step that is
-its begin, so that friction has a potential. Over an increment of the loads it is the end, for
-which the increment is solved again and again. Outside a step it is the state itself.
+F is the derivative of the potential φ(e) of `Sliders`. λ and n are taken at one place and time.
+Over a step that is its begin, so that friction has a potential. Over an increment of the loads
+it is the end, for which the increment is solved again and again.
 
-Source: Li et al. (2020), Incremental Potential Contact, ACM Trans. Graph. 39(4), section on
-friction; f₀ and f₁ as the IPC Toolkit has them.
+In the ledger k |e|²/2 is stored, and μ λ (|e| − μ λ/k) is the heat of a step. Where a place
+stops touching, what its spring has stored is heat, too.
+
+Sources: Cundall and Strack (1979), A Discrete Numerical Model for Granular Assemblies,
+Géotechnique 29(1), for the spring of a contact, its sum of ways and its limit; Simo and Laursen
+(1992), An Augmented Lagrangian Treatment of Contact Problems Involving Friction, Computers &
+Structures 42(1), for the trial state and the return mapping.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import scipy.sparse as sparse
 
-from fecloth.terms.contact.points import Contacts
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.terms.sliders import Sliders
 
-# ε over the extent of the cloth, per second: below this speed friction counts as friction at
-# rest. A cloth on a slope creeps by less than a thousandth of its extent in a second.
-CREEP_OVER_EXTENT = 1e-3
-
-
-def potential(y: np.ndarray, eps: float) -> np.ndarray:
-    """f₀(y) of speeds y (m,) [m/s]."""
-    inside = -(y**3) / (3 * eps**2) + y**2 / eps + eps / 3
-    return np.where(y < eps, inside, y)
-
-
-def factor(y: np.ndarray, eps: float) -> np.ndarray:
-    """f₁(y)/y of speeds y (m,) [m/s]."""
-    return np.where(y < eps, 2 / eps - y / eps**2, 1 / np.maximum(y, eps))
-
-
-def slope(w: np.ndarray, eps: float) -> np.ndarray:
-    """Return ∂(f₁(y)/y w)/∂w (m, 3, 3) at velocities w (m, 3) [m/s]; positive semi-definite.
-
-    It is f₁/y I + (f₁/y)′/y w wᵀ, with the derivative by y.
-    """
-    y = np.sqrt(np.einsum("mi,mi->m", w, w))
-    y_or_one = np.where(y > 0.0, y, 1.0)  # where w is zero, so is w wᵀ
-    factor_slope = np.where(y < eps, -1 / eps**2, -1 / np.maximum(y, eps) ** 2)
-    factor_slope_over_y = factor_slope / y_or_one
-    rank_one = factor_slope_over_y[:, None, None] * w[:, :, None] * w[:, None, :]
-    return factor(y, eps)[:, None, None] * np.eye(3) + rank_one
+# k over κ A/gap, the stiffness of the barrier at its begin. Chosen: a place that sticks gives way
+# along the surface by about μ/100 times as much as it gives way across it.
+STICK_OVER_BARRIER = 100.0
+# An impact has so large a normal force that its whole slip would only stretch such a spring. So a
+# spring is stiffer for one step where it would slide only beyond this stretch, over the gap.
+MOST_STRETCH_OVER_GAP = 1e-3
 
 
 def along(n: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -54,101 +43,110 @@ def along(n: np.ndarray, w: np.ndarray) -> np.ndarray:
     return w - n * np.einsum("mi,mi->m", n, w)[:, None]
 
 
-class Sliding(Protocol):
-    """Contacts that slide, with the normal forces and directions of one place and time.
-
-    Velocities v (m, 3) belong to its m points in space, w (m, 3) are their parts along and
-    relative to the surface that they slide on, both in m/s.
-    """
+class Places(Protocol):
+    """m places of the cloth that touch something; positions relative to it are linear in x."""
 
     def values(self, of_nodes: np.ndarray) -> np.ndarray:
-        """(m, 3) values at its points, from values at the nodes (n, 3)."""
+        """(m, 3) values at the places, from values at the nodes (n, 3)."""
 
-    def slip(self, v: np.ndarray) -> np.ndarray:
-        """w of the velocities v."""
+    def add_force(self, F: np.ndarray, f: np.ndarray) -> None:
+        """f (n, 3) += the forces F (m, 3) at the places [N]."""
 
-    def rate(self, w: np.ndarray) -> float:
-        """Σ μ λ f₀(y) [W]; minus its derivative by w is the force."""
+    def add_tangent(self, K: np.ndarray, J: BlockMatrix) -> None:
+        """J += the stiffness K (m, 3, 3) at the places, where it is in the fixed pattern."""
 
-    def power(self, w: np.ndarray) -> float:
-        """Σ μ λ f₁(y) y [W], which is dissipated."""
+    def coupling(self, K: np.ndarray) -> sparse.spmatrix | None:
+        """(3n, 3n) the stiffness K (m, 3, 3) outside the fixed pattern; None without any."""
+
+    def hand_on(self, before: Any, e: np.ndarray) -> np.ndarray:
+        """(m, 3) e of these places, from e at the places `before`; 0 where they are new."""
 
 
 @dataclass(frozen=True, eq=False)
-class SlidingPoints:
-    """Points of one kind that slide on an obstacle.
+class Grips:
+    """What friction needs of places that touch at one state.
 
     Attributes
     ----------
-    contacts
-        The p points that touch.
-    limit
-        μ λ (p,) [N], the most friction of each.
+    places
+        The m places.
     n
-        Normals (p, 3) of the obstacle.
-    surface
-        Velocity (p, 3) of the obstacle [m/s].
-    eps
-        Speed ε [m/s] from which friction has its full value.
+        Normals (m, 3) in the frame of the body, of unit length.
+    push
+        Normal forces λ (m,) [N].
+    stiffness
+        k (m,) of their springs [N/m].
     """
 
-    contacts: Contacts
-    limit: np.ndarray
+    places: Places
     n: np.ndarray
-    surface: np.ndarray
-    eps: float
+    push: np.ndarray
+    stiffness: np.ndarray
 
-    def values(self, of_nodes: np.ndarray) -> np.ndarray:
-        return self.contacts.points.values(of_nodes, self.contacts.point_numbers)
+    def hand_on(self, before: Iterable["Grips"], stretches: Sequence[np.ndarray]) -> np.ndarray:
+        """(m, 3) e along the surface, in the frame of the body, from the grips `before`."""
+        e = np.zeros_like(self.n)
+        for grips, stretch in zip(before, stretches, strict=True):
+            e += self.places.hand_on(grips.places, stretch)
+        return along(self.n, e)
 
-    def slip(self, v: np.ndarray) -> np.ndarray:
-        return along(self.n, v - self.surface)
+    def stored(self, e: np.ndarray) -> float:
+        """Σ k |e|²/2 [J]."""
+        return 0.5 * float(self.stiffness @ np.einsum("mi,mi->m", e, e))
 
-    def rate(self, w: np.ndarray) -> float:
-        return float((self.limit * potential(np.linalg.norm(w, axis=1), self.eps)).sum())
 
-    def power(self, w: np.ndarray) -> float:
-        y = np.linalg.norm(w, axis=1)
-        return float((self.limit * factor(y, self.eps) * y**2).sum())
+@dataclass(frozen=True, eq=False)
+class Springs:
+    """The springs of m places, at one pose of the body.
 
-    def add_force(self, w: np.ndarray, f: np.ndarray) -> None:
-        """f (n, 3) −= μ λ f₁(y)/y w [N]."""
-        size = self.limit * factor(np.linalg.norm(w, axis=1), self.eps)
-        self.contacts.points.add_force(self.contacts.point_numbers, -size[:, None] * w, f)
+    Attributes
+    ----------
+    grips
+        What touches.
+    n
+        Normals (m, 3) in space.
+    anchors
+        a (m, 3) in space, relative to what is touched [m].
+    sliders
+        The law of the springs.
+    """
 
-    def damping(self, w: np.ndarray, weight: float = 1.0) -> np.ndarray:
-        """(p, 3, 3) `weight` times −∂F/∂v, positive semi-definite."""
-        slope_along_surface = self._across @ slope(w, self.eps) @ self._across
-        return weight * self.limit[:, None, None] * slope_along_surface
+    grips: Grips
+    n: np.ndarray
+    anchors: np.ndarray
+    sliders: Sliders
 
-    def stiffness(self, v: np.ndarray, change: np.ndarray, spin: np.ndarray) -> np.ndarray:
-        """Return −∂F/∂x (p, 3, 3) [N/m] of F = −μ λ (f₁/y) w at one state; it is not symmetric.
+    def stretch(self, x: np.ndarray) -> np.ndarray:
+        """(m, 3) e of the nodes at x (n, 3) [m]."""
+        return along(self.n, self.grips.places.values(x) - self.anchors)
 
-        With r = v − surface, w = r − n (n · r) changes because the normal n turns with x, and
-        because the velocity of the obstacle does; λ changes, too.
+    def tangent(self, x: np.ndarray) -> np.ndarray:
+        """(m, 3, 3) ∂²φ/∂x∂x [N/m], positive semi-definite."""
+        across = np.eye(3) - self.n[:, :, None] * self.n[:, None, :]
+        K: np.ndarray = across @ self.sliders.tangent(self.stretch(x)) @ across
+        return K
 
-        Parameters
-        ----------
-        v
-            Velocities (p, 3) of the points [m/s].
-        change
-            ∂(μ λ n)/∂x (p, 3, 3) [N/m].
-        spin
-            ∂surface/∂x (3, 3) [1/s], with the velocity `surface` of the obstacle.
-        """
-        w = self.slip(v)
-        r = v - self.surface
-        turn_of_n = self._across @ change  # μ λ ∂n/∂x, as n keeps its length
-        # −μ λ ∂w/∂x: by the turn of n, in both of its places, and by the obstacle's velocity
-        minus_dw = np.einsum("mi,mi->m", self.n, r)[:, None, None] * turn_of_n
-        minus_dw += self.n[:, :, None] * (r[:, None] @ turn_of_n)
-        minus_dw = minus_dw + self.limit[:, None, None] * self._across @ spin
-        by_change_of_force = w[:, :, None] * (self.n[:, None] @ change)  # w ⊗ ∂(μ λ)/∂x
-        y = np.linalg.norm(w, axis=1)
-        by_change_of_force = factor(y, self.eps)[:, None, None] * by_change_of_force
-        return by_change_of_force - slope(w, self.eps) @ minus_dw
 
-    @property
-    def _across(self) -> np.ndarray:
-        """(p, 3, 3) 1 − n nᵀ."""
-        return np.eye(3) - self.n[:, :, None] * self.n[:, None, :]
+class Friction(NamedTuple):
+    """The springs of all kinds of places of a contact."""
+
+    springs: Sequence[Springs] = ()
+
+    def energy(self, x: np.ndarray) -> float:
+        """Σ φ(e) [J]."""
+        return sum(float(each.sliders.energy(each.stretch(x)).sum()) for each in self.springs)
+
+    def add_force(self, x: np.ndarray, f: np.ndarray) -> None:
+        """f (n, 3) −= ∂φ/∂x [N]."""
+        for each in self.springs:
+            each.grips.places.add_force(-each.sliders.moment(each.stretch(x)), f)
+
+    def add_tangent(self, x: np.ndarray, wx: float, J: BlockMatrix) -> None:
+        """J += wx ∂²φ/∂x∂x, where it is in the fixed pattern."""
+        for each in self.springs:
+            each.grips.places.add_tangent(wx * each.tangent(x), J)
+
+    def couplings(self, x: np.ndarray, wx: float) -> list[sparse.spmatrix]:
+        """The parts (3n, 3n) of wx ∂²φ/∂x∂x outside the fixed pattern."""
+        parts = [each.grips.places.coupling(wx * each.tangent(x)) for each in self.springs]
+        return [part for part in parts if part is not None]

@@ -16,8 +16,8 @@ from fecloth.quantities.time_function import VectorOfTime
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.bound_obstacle import BoundObstacle
-from fecloth.terms.contact.friction import CREEP_OVER_EXTENT
 from fecloth.terms.contact.inside import starts_inside
+from fecloth.terms.contact.near_points import NearPoints
 from fecloth.terms.contact.points import MOST_PARTS, divisions, longest_edges, points_of
 from fecloth.terms.contact.shape import NO_EDGES, Shape, Skeleton
 from fecloth.terms.contact.surfaces import Triangles, surface_of
@@ -73,11 +73,13 @@ class Obstacle:
     own points, edges and faces (`Skeleton`), as a `MeshObstacle` does, with the package
     ``ipctk``. Without it a `Box` and a `Disk` act on the points, too, and may cut into triangles.
 
-    With a coefficient of friction μ a sliding node is held back by μ λ f₁(y)/y w. λ = −κ A b′
-    |∇d| is its normal force, w its velocity along the surface and relative to it, and y = |w|.
-    f₁ is 2y/ε − y²/ε² below y = ε and 1 above, with ε = 0.001 extents of the cloth per second:
-    a cloth at rest on a slope creeps with less than ε. Over a step, λ and ∇d are taken at its
-    begin, so that friction has a potential; over a load step of `equilibrium`, at its end.
+    With a coefficient of friction μ a spring ties each place that touches to an anchor on the
+    shape. With its stretch e along the surface and the normal force λ = −κ A b′ |∇d|, it holds
+    the cloth by −k e where k |e| ≤ μ λ, and by −μ λ e/|e| beyond; there the anchor follows at the
+    end of the step. So a cloth at rest does not creep: it gives way by F/k with k = 100 κ A/gap,
+    and also goes with a shape that moves and turns. Anchors are in restart files, and a run from
+    an `Equilibrium` begins with its anchors. Over a step λ and ∇d are taken at its begin, so that
+    friction has a potential; over a load step of `equilibrium`, at its end.
 
     An impact leaves the part e = `restitution` of the speed at which a node closes, at any dt:
     at the end of a step impulses in the mass of the cloth decide with what speed all nodes that
@@ -89,7 +91,9 @@ class Obstacle:
 
     Source: Li et al. (2020), Incremental Potential Contact: Intersection- and Inversion-free,
     Large-Deformation Dynamics, ACM Trans. Graph. 39(4), with areas as weights as in the IPC
-    Toolkit (`barrier`), and with its smooth and lagged friction (`friction`).
+    Toolkit (`barrier`); friction by Cundall and Strack (1979), A Discrete Numerical Model for
+    Granular Assemblies, Géotechnique 29(1), and Simo and Laursen (1992), An Augmented Lagrangian
+    Treatment of Contact Problems Involving Friction, Computers & Structures 42(1) (`friction`).
 
     Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`.
     Other methods are refused: they are explicit, or balance the forces before the end of a
@@ -183,12 +187,9 @@ class Obstacle:
         self._refuse_thin(cloth)
         parts = min(divisions(self.shape, self.gap, cloth), MOST_PARTS)
         return BoundObstacle(
-            shape=self.shape,
-            gap=float(self.gap),
+            near=NearPoints(self.shape, float(self.gap), points_of(cloth, parts, slots)),
             stiffness=barrier.stiffness_of(self.stiffness, panel, self.gap),
             friction=float(self.friction),
-            creep=CREEP_OVER_EXTENT * cloth.extent,
-            points=points_of(cloth, parts, slots),
             restitution=float(self.restitution),
         )
 
@@ -206,7 +207,6 @@ class Obstacle:
             name="Obstacle",
             sets=sets,
             friction=self.friction,
-            creep=CREEP_OVER_EXTENT * panel.cloth.extent,
             body=self.shape,
             restitution=self.restitution,
         )
@@ -327,7 +327,6 @@ class MeshObstacle:
             name="MeshObstacle",
             sets=sets,
             friction=self.friction,
-            creep=CREEP_OVER_EXTENT * cloth.extent,
             body=body,
             restitution=self.restitution,
         )

@@ -1,11 +1,81 @@
 """Pairs of the IPC Toolkit: their nodes, and how long they stay all that can touch."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sparse
 
 from fecloth.compiled.jit import Array, kernel
+from fecloth.linalg.block_matrix import BlockMatrix
+
+# Two pairs, one before a step and one after it, are of the same material points if the cosine of
+# the angle between their coefficients exceeds this.
+LEAST_LIKENESS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class PairPlaces:
+    """The vectors Σ c_a x_a of m pairs; see `friction.Places`.
+
+    Attributes
+    ----------
+    weights
+        Their coefficients c (m, n) for the nodes of the cloth.
+    """
+
+    weights: sparse.csr_matrix
+
+    def values(self, of_nodes: np.ndarray) -> np.ndarray:
+        values: np.ndarray = self.weights @ of_nodes
+        return values
+
+    def add_force(self, F: np.ndarray, f: np.ndarray) -> None:
+        f += self.weights.T @ F
+
+    def add_tangent(self, K: np.ndarray, J: BlockMatrix) -> None:
+        """Pairs change from step to step: all of their tangent is a `coupling`."""
+
+    def coupling(self, K: np.ndarray) -> sparse.csr_matrix | None:
+        if not len(K):
+            return None
+        return (self.matrix.T @ self.times_matrix(K)).tocsr()
+
+    @cached_property
+    def matrix(self) -> sparse.csr_matrix:
+        """(3m, 3n) the coefficients for each component."""
+        return sparse.kron(self.weights, sparse.identity(3), format="csr")
+
+    def times_matrix(self, blocks: np.ndarray) -> sparse.csr_matrix:
+        """The product of `matrix` with a block (k, 3) for each of the m pairs: (k m, 3n)."""
+        m = len(blocks)
+        diagonal = sparse.bsr_matrix((blocks, np.arange(m), np.arange(m + 1)))
+        return (diagonal @ self.matrix).tocsr()
+
+    @cached_property
+    def directions(self) -> sparse.csr_matrix:
+        """The coefficients over their length √(Σ c_a²)."""
+        length = np.sqrt(self.weights.power(2).sum(axis=1).A1)
+        return sparse.diags(1 / length) @ self.weights
+
+    def hand_on(self, before: "PairPlaces", e: np.ndarray) -> np.ndarray:
+        """Return e (m, 3), of each pair from the pair `before` whose coefficients are most alike.
+
+        A pair that has the same node on an edge as before on the triangle beside it has nearly
+        the same coefficients, so that e goes with the material points. Where the order of the
+        two parts has changed, e has the other sign.
+        """
+        handed = np.zeros((self.weights.shape[0], 3))
+        if not len(e) or not len(handed):
+            return handed
+        likeness = (self.directions @ before.directions.T).tocsr()
+        most = np.asarray(abs(likeness).argmax(axis=1)).ravel()
+        cosines = np.asarray(likeness[np.arange(len(most)), most]).ravel()
+        is_same = np.abs(cosines) > LEAST_LIKENESS
+        handed[is_same] = np.sign(cosines[is_same])[:, None] * e[most[is_same]]
+        return handed
 
 
 def nodes_of(contacts: Any, mesh: Any) -> np.ndarray:

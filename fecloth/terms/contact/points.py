@@ -154,47 +154,6 @@ class TrianglePoints:
 Points = NodePoints | TrianglePoints
 
 
-@dataclass(frozen=True, eq=False)
-class Contacts:
-    """Points of one kind that an obstacle pushes.
-
-    Attributes
-    ----------
-    points
-        All points of the kind.
-    point_numbers
-        Numbers (p,) of the points nearer than the gap.
-    y
-        Places (p, 3) of these in the frame of the shape [m].
-    s
-        Distances (p,) of these over the gap.
-    shape
-        The shape of the obstacle.
-    t
-        The time [s].
-    """
-
-    points: Points
-    point_numbers: np.ndarray
-    y: np.ndarray
-    s: np.ndarray
-    shape: Shape
-    t: float
-
-    @cached_property
-    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient (p, 3) and Hessian (p, 3, 3) of the distance, in space."""
-        gradient, hessian = self.shape.slopes(self.y, self.t)
-        if self.shape.rotate is None:
-            return gradient, hessian
-        R = self.shape.pose(self.t).R
-        return gradient @ R.T, np.einsum("ij,pjk,lk->pil", R, hessian, R)
-
-    @property
-    def areas(self) -> np.ndarray:
-        return self.points.areas[self.point_numbers]
-
-
 def divisions(shape: Shape, gap: float, cloth: Cloth) -> int:
     """Return the number k of parts of an edge that the points of an obstacle need.
 

@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, NamedTuple
@@ -58,9 +57,6 @@ class AtRest(Pose):
 
     def to_space(self, y: np.ndarray) -> np.ndarray:
         return y
-
-
-TimeDifference = Sequence[tuple[float, float]]  # (c [1/s], t [s]), … with Σ c = 0, Σ c t = 1
 
 
 class Skeleton(NamedTuple):
@@ -190,17 +186,6 @@ class Shape:
         """(m, 3) velocity [m/s] of the rigid body at points x (m, 3) of space."""
         velocity, omega, point_on_axis = self.rates(t)
         return velocity + np.cross(omega, x - point_on_axis)
-
-    def velocity_by(self, y: np.ndarray, difference: TimeDifference) -> np.ndarray:
-        """Return the velocity (m, 3) [m/s] of points of the body by a difference in time.
-
-        It is Σ c x(t) of their places x in space. The points are at y (m, 3) in the frame of the
-        body.
-        """
-        velocity = np.zeros_like(y)
-        for c, t in difference:
-            velocity += c * self.pose(t).to_space(y)
-        return velocity
 
 
 AT_REST = AtRest()

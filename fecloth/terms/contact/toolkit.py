@@ -14,7 +14,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.sewn_cloth import SewnCloth
 from fecloth.mesh.surface import Surface
 from fecloth.terms.contact import barrier
-from fecloth.terms.contact.pairs import nodes_of, square_away_from
+from fecloth.terms.contact.pairs import PairPlaces, nodes_of, square_away_from
 from fecloth.terms.contact.shape import NO_EDGES, NO_TRIANGLES, Skeleton
 
 # Part of a free way that is taken, where something is met at its end. Chosen: it must be < 1, so
@@ -59,6 +59,27 @@ class KeptPairs(NamedTuple):
     pairs: Any
 
 
+class TouchingPairs(NamedTuple):
+    """Pairs that touch.
+
+    Attributes
+    ----------
+    places
+        The vectors (m, 3) from one part to the other, without nodes of the fixed mesh.
+    n
+        Their directions (m, 3).
+    push
+        The normal forces (m,) [N].
+    areas
+        The areas (m,) with which they count [m²].
+    """
+
+    places: PairPlaces
+    n: np.ndarray
+    push: np.ndarray
+    areas: np.ndarray
+
+
 def _exponent(fixed: Skeleton) -> float:
     """Return e, so that ratio^e is the `scale` of a mesh whose areas are `ratio` times too large.
 
@@ -85,6 +106,8 @@ class ContactSets:
         The module ipctk.
     mesh, potential
         Its collision mesh and its barrier potential.
+    stiffness
+        κ [Pa] of the potential.
     triangles
         Triangles (s, 3) of the cloth.
     fixed
@@ -98,6 +121,7 @@ class ContactSets:
     toolkit: Any
     mesh: Any
     potential: Any
+    stiffness: float
     triangles: np.ndarray
     fixed: np.ndarray
     gap: float
@@ -162,6 +186,7 @@ class ContactSets:
             toolkit=ipctk,
             mesh=mesh,
             potential=potential,
+            stiffness=stiffness,
             triangles=triangles,
             fixed=fixed_mesh.points,
             gap=gap,
@@ -284,12 +309,11 @@ class ContactSets:
         K = self.potential.hessian(contacts, self.mesh, self.nodes(x), projection)
         return K[: x.size, : x.size].tocsr()  # without the nodes of the fixed mesh
 
-    def pairs(self, x: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
-        """Return the gradients ∇d (m, 3n), distances d (m,) [m] and energies (m,) [J].
+    def touching(self, x: np.ndarray) -> "TouchingPairs":
+        """Return the m contacts at x (n, 3), in an order by their nodes: the toolkit's changes.
 
-        They belong to the m contacts at x (n, 3). A contact has up to four nodes. The vector
-        from one part to the other is Σ c_a x_a, with the coefficients c_a of the toolkit. So ∇d
-        has the block c_a vector/d for the node a. Nodes of the fixed mesh have no block.
+        A contact has up to four nodes. The vector from one part to the other is Σ c_a x_a, with
+        the coefficients c_a of the toolkit.
         """
         contacts = self.at(x)
         node_numbers = nodes_of(contacts, self.mesh)
@@ -298,6 +322,7 @@ class ContactSets:
         vectors = np.zeros((m, 3))
         coefficients = np.zeros((m, 4))
         energies = np.zeros(m)
+        areas = np.zeros(m)
         coordinate_counts = 3 * (node_numbers >= 0).sum(axis=1)
         for number, count in enumerate(coordinate_counts):
             pair = contacts[number]
@@ -306,78 +331,28 @@ class ContactSets:
             vectors[number] = vector
             coefficients[number, : len(own_coefficients)] = own_coefficients
             energies[number] = self.potential(pair, own_places)
+            areas[number] = pair.weight
         d = np.sqrt(np.einsum("mi,mi->m", vectors, vectors))
-        blocks = coefficients[:, :, None] * (vectors / d[:, None])[:, None]
-        columns = 3 * node_numbers[:, :, None] + np.arange(3)
-        rows = np.broadcast_to(np.arange(m)[:, None, None], columns.shape)
-        is_of_cloth = (node_numbers[:, :, None] >= 0) & (node_numbers[:, :, None] < len(x))
-        is_entry = np.broadcast_to(is_of_cloth, columns.shape)
-        places_of_entries = (rows[is_entry], columns[is_entry])
-        normals = sparse.csr_matrix((blocks[is_entry], places_of_entries), shape=(m, x.size))
-        return normals, d, energies
+        is_of_cloth = (node_numbers >= 0) & (node_numbers < len(x))
+        rows, _ = np.nonzero(is_of_cloth)
+        entries = (coefficients[is_of_cloth], (rows, node_numbers[is_of_cloth]))
+        weights = sparse.csr_matrix(entries, shape=(m, len(x)))
+        order = np.lexsort(node_numbers.T)
+        return TouchingPairs(
+            places=PairPlaces(weights[order]),
+            n=(vectors / d[:, None])[order],
+            push=self._forces(d, energies)[order],
+            areas=areas[order],
+        )
 
-    def pushes(self, x: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-        """Return the gradients ∇d (m, 3n) and forces −dE/dd (m,) [N] of the m contacts at x.
-
-        They are in the order of `_order`.
-        """
-        normals, d, energies = self.pairs(x)
+    def _forces(self, d: np.ndarray, energies: np.ndarray) -> np.ndarray:
+        """−dE/dd (m,) [N] of contacts with the distances d [m] and energies [J]."""
         span = (self.gap + self.thickness) ** 2 - self.thickness**2
         s = (d**2 - self.thickness**2) / span
         acts = s < 1 - LEAST_DEPTH_OVER_GAP
         any_s = np.where(acts, s, 0.5)  # 0.5: any s with b(s) > 0, where a pair does not act
         force_over_energy = barrier.pressure(any_s) / barrier.value(any_s) * 2 * d / span
-        order = self._order(x)
-        return normals[order], np.where(acts, energies * force_over_energy, 0.0)[order]
-
-    def _order(self, x: np.ndarray) -> np.ndarray:
-        """(m,) numbers of the contacts at x by their nodes: the order of the toolkit changes."""
-        return np.lexsort(nodes_of(self.at(x), self.mesh).T)
-
-    def lag(self, x: np.ndarray, friction: float, forces: np.ndarray) -> Any:
-        """Return the toolkit's record of the contacts that slide at x (n, 3).
-
-        It holds their normal forces and directions of sliding, for the coefficient `friction` μ.
-        The normal forces are those of the barrier, or the `forces` (m,) [N], as of `pushes`.
-        """
-        contacts = self.at(x)
-        if len(forces):
-            order = self._order(x)
-            _, pushes = self.pushes(x)
-            parts = np.divide(forces, pushes, out=np.ones_like(forces), where=pushes > 0.0)
-            for number, part in zip(order.tolist(), parts, strict=True):
-                contacts[number].weight *= part
-            self._last = None  # `at` would return these contacts, and now they weigh differently
-        lagged = self.toolkit.TangentialCollisions()
-        lagged.build(self.mesh, self.nodes(x), contacts, self.potential, friction)
-        return lagged
-
-    def rub(self, lagged: Any, v: np.ndarray, creep: float) -> tuple[float, np.ndarray]:
-        """Return the rate Σ μ λ f₀(y) [W] of friction, and its force (n, 3) [N].
-
-        The force is minus the derivative of the rate by the velocities v (n, 3) [m/s].
-        `lagged` is the result of `lag`, and `creep` the speed ε [m/s].
-        """
-        if not len(lagged):
-            return 0.0, np.zeros_like(v)
-        potential = self.toolkit.FrictionPotential(creep)
-        all_v = self._velocities(v)
-        gradient = potential.gradient(lagged, self.mesh, all_v)
-        force = -np.reshape(gradient, (-1, 3))[: len(v)]
-        return float(potential(lagged, self.mesh, all_v)), force
-
-    def rub_slope(self, lagged: Any, v: np.ndarray, creep: float) -> sparse.csr_matrix | None:
-        """(3n, 3n) −∂force/∂v [N s/m], positive semi-definite; None without contacts."""
-        if not len(lagged):
-            return None
-        potential = self.toolkit.FrictionPotential(creep)
-        method = self.toolkit.PSDProjectionMethod
-        D = potential.hessian(lagged, self.mesh, self._velocities(v), method.CLAMP)
-        return D[: v.size, : v.size].tocsr()
-
-    def _velocities(self, v: np.ndarray) -> np.ndarray:
-        """(n + k, 3) v and the zero velocities of the fixed mesh."""
-        return np.asfortranarray(np.vstack([v, np.zeros_like(self.fixed)]))
+        return np.where(acts, energies * force_over_energy, 0.0)
 
     def free_part(self, x: np.ndarray, y: np.ndarray) -> float:
         """Return a part α ≤ 1 for which nothing meets on the straight way to x + α (y − x).

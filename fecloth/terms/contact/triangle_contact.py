@@ -13,11 +13,10 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.surface import find_intersections
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
-from fecloth.terms.contact.bound_contact import NO_FORCES, BoundContact, Rubbing
-from fecloth.terms.contact.friction import CREEP_OVER_EXTENT
+from fecloth.terms.contact.bound_contact import NO_FORCES, BoundContact, Touched
+from fecloth.terms.contact.friction import STICK_OVER_BARRIER, Grips
 from fecloth.terms.contact.inside import MOST_NAMED
-from fecloth.terms.contact.shape import Shape, TimeDifference
-from fecloth.terms.contact.sliding_triangles import SlidingTriangles, turn, turn_matrix
+from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.contact.touches import Touches, collect_at_nodes
 from fecloth.terms.protocol import BoundTerm, uncoupled
@@ -41,23 +40,23 @@ class BoundTriangleContact(BoundContact):
         The contacts at positions of the cloth.
     friction
         Coefficient μ of Coulomb's friction.
-    creep
-        Speed of sliding ε [m/s] from which friction has its full value.
     body
         The motion of the fixed mesh of the sets; None where it stands still. All contact is
         computed in the frame of this body.
     restitution
         Part of the speed that an impact leaves.
+    last
+        Where friction sticks; None before a run.
     """
 
     name: str
     sets: ContactSets
     friction: float
-    creep: float
     body: Shape | None = None
     restitution: float = 0.0
+    last: Touched | None = None
 
-    symmetric = True
+    couples_nodes = True
 
     def place(self, x: np.ndarray, t: float) -> np.ndarray:
         """Positions (n, 3) as the fixed mesh sees them."""
@@ -71,81 +70,29 @@ class BoundTriangleContact(BoundContact):
             return v
         return (v - self.body.velocity(x, t)) @ self.body.pose(t).R
 
-    def rotation(self, t: float) -> np.ndarray | None:
+    def turned(self, t: float) -> np.ndarray | None:
         """R (3, 3) of the fixed mesh; None if it does not turn."""
         if self.body is None or self.body.rotate is None:
             return None
-        return self.body.pose(t).R
+        return self.rotation(t)
 
-    def energy(self, x, t) -> float:
+    def barrier(self, x: np.ndarray, t: float) -> float:
         """Σ κ gap A b(s) [J]."""
         return self.sets.energy(self.place(x, t))
 
-    def push(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(n, 3) force [N] on the nodes without friction."""
-        return turn(self.sets.force(self.place(x, t)), self.rotation(t))
+    def add_push(self, x: np.ndarray, t: float, f: np.ndarray) -> None:
+        f += turn(self.sets.force(self.place(x, t)), self.turned(t))
 
-    def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
-        """f −= ∂energy/∂x, and friction [N]."""
-        force = self.push(x, t)
-        for sliding, w in rubbing:
-            force = force + sliding.force(w)
-        f += force
-
-    def coupling(self, x, v, t, wx, wv, definite) -> sparse.spmatrix | None:
-        """wx K of the barrier, without the negative part of each pair if `definite`, and wv D.
-
-        The change of friction with x is left out: methods ask for the tangent over a step,
-        where friction is lagged.
-        """
-        rubbing: Rubbing = ()
-        if wv:
-            rubbing = self.rubbing(x, v, t)
-        return self.couplings(x, t, wx, rubbing, wv, definite)
-
-    def couplings(self, x, t, wx, rubbing, weight, definite) -> sparse.spmatrix | None:
-        """Return wx K of the barrier plus `weight` D of friction (3n, 3n); None if both are 0.
-
-        If `definite`, K has no negative parts.
-        """
-        matrices = []
+    def push_coupling(self, x, t, wx, definite) -> sparse.spmatrix | None:
+        """wx K of the barrier, without the negative part of each pair if `definite`."""
         K = self.sets.tangent(self.place(x, t), definite)
-        if K is not None:
-            matrices.append(turn_matrix(wx * K, self.rotation(t)))
-        for sliding, w in rubbing:
-            D = sliding.damping(w, weight)
-            if D is not None:
-                matrices.append(D)
-        if not matrices:
-            return None
-        return sum(matrices[1:], start=matrices[0])
+        return None if K is None else turn_matrix(wx * K, self.turned(t))
 
-    def lag(
-        self,
-        x: np.ndarray,
-        t: float,
-        difference: TimeDifference | None,
-        forces: np.ndarray = NO_FORCES,
-    ) -> Sequence[SlidingTriangles]:
-        """Return what slides at x (n, 3) and the time t, in a list of one entry.
-
-        The velocity of the surface is by the `difference`, or with None that at t.
-        """
-        y = self.place(x, t)
-        surface: np.ndarray | float = 0.0
-        if self.body is not None:
-            surface = self.body.velocity(x, t)
-            if difference is not None:
-                surface = self.body.velocity_by(y, difference)
-        lagged = self.sets.lag(y, self.friction, forces)
-        sliding = SlidingTriangles(
-            sets=self.sets,
-            lagged=lagged,
-            surface=surface,
-            R=self.rotation(t),
-            eps=self.creep,
-        )
-        return [sliding]
+    def grips(self, x: np.ndarray, t: float, forces: np.ndarray = NO_FORCES) -> Sequence[Grips]:
+        pairs = self.sets.touching(self.place(x, t))
+        push = forces if len(forces) else pairs.push
+        stiffness = STICK_OVER_BARRIER * self.sets.stiffness / self.gap * pairs.areas
+        return [Grips(pairs.places, pairs.n, push, stiffness)]
 
     @property
     def gap(self) -> float:  # type: ignore[override]  # a field in the base, here of the sets
@@ -155,10 +102,12 @@ class BoundTriangleContact(BoundContact):
         y = self.place(new.x, new.t)
         if not len(self.sets.at(y)):
             return None
-        normals, pushes = self.sets.pushes(y)
+        pairs = self.sets.touching(y)
+        normals = pairs.places.times_matrix(pairs.n[:, None])
+        pushes = pairs.push
         shares = sparse.identity(len(pushes), format="csr")
         if len(self.sets.fixed):
-            normals, pushes, shares = collect_at_nodes(normals, pushes)
+            normals, pushes, shares = collect_at_nodes(normals.tocsr(), pushes)
         if not len(pushes):
             return None
         v_of_surface: np.ndarray = np.zeros_like(new.x)
@@ -221,6 +170,21 @@ class BoundTriangleContact(BoundContact):
         return f"triangles intersect at the start: {named}", allowed
 
 
+def turn(f: np.ndarray, R: np.ndarray | None) -> np.ndarray:
+    """Vectors (n, 3) in space, from vectors in the frame of the fixed mesh."""
+    if R is None:
+        return f
+    return f @ R.T
+
+
+def turn_matrix(K: sparse.csr_matrix, R: np.ndarray | None) -> sparse.csr_matrix:
+    """(3n, 3n) R K Rᵀ, in space."""
+    if R is None:
+        return K
+    all_R = sparse.kron(sparse.identity(K.shape[0] // 3), R, format="csr")
+    return (all_R @ K @ all_R.T).tocsr()
+
+
 @dataclass(frozen=True)
 class SelfContact:
     """Triangles of the cloth at the distance d < thickness + gap push each other apart.
@@ -245,7 +209,9 @@ class SelfContact:
     Codimensional Incremental Potential Contact, ACM Trans. Graph. 40(4), for the thickness;
     computed by the IPC Toolkit, the package ``ipctk``.
 
-    Friction is Coulomb's, smoothed and lagged, as for `Obstacle`.
+    Friction sticks and slides as for `Obstacle`, with k = 100 κ A/gap of each pair. Where a node
+    goes over to the next triangle, the new pair takes over the stretch of the old one, so that
+    an anchor stays at its material points.
 
     An impact leaves the part `restitution` of the speed at which two layers close, as for
     `Obstacle`.
@@ -310,7 +276,6 @@ class SelfContact:
             name="SelfContact",
             sets=sets,
             friction=self.friction,
-            creep=CREEP_OVER_EXTENT * cloth.extent,
             restitution=self.restitution,
         )
 

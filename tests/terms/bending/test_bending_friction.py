@@ -8,7 +8,7 @@ from support.plates import PATTERNS, rolled, square
 from support.tiers import in_turn, stories_except
 
 import fecloth as fc
-from fecloth.terms.bending.sliders import Sliders
+from fecloth.terms.sliders import Sliders
 from fecloth.terms.step_difference import StepDifference
 
 B, HB = 2e-5, 3e-4  # N m, N

@@ -152,7 +152,7 @@ def test_a_patch_slides_on_a_held_layer_as_coulomb_says(friction):
     mass = system.nodal_mass[over]
     speed = mass @ result.state.v[over, 0] / mass.sum()
     expected = max(0.0, g * (np.sin(phi) - friction * np.cos(phi))) * count * dt
-    assert speed == pytest.approx(expected, rel=0.05, abs=2 * system.bound[-1].creep)
+    assert speed == pytest.approx(expected, rel=0.05, abs=1e-5)
     heat = result.energies["dissipated:SelfContact"][-1]
     way = mass @ (result.state.x - x)[over, 0] / mass.sum()
     if expected:

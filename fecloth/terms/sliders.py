@@ -1,4 +1,7 @@
-"""The law of friction in bending: sliders on the curvature, at each of m places.
+"""The law of dry friction: a spring that slides, at each of m places.
+
+In bending it acts on the curvature of a fabric, in contact on the way along a surface
+(`Sliders.of_contact`). In bending,
 
 With the moments M₁, M₂ = HB at which threads of warp and weft slip [N], half of the 2HB that
 instruments print, the curvature κ and the slid curvature κ_s, both along warp and weft,
@@ -74,6 +77,15 @@ class Sliders:
             raise InputError(what, allowed, where, remedy)
         limit = M1 * M2 / (stiffness * np.sqrt(np.prod(fabric.bending or ())))
         return cls(np.array([[M1, M2, np.sqrt(0.5 * M1 * M2)]]), np.array([limit]))
+
+    @classmethod
+    def of_contact(cls, limit: np.ndarray, stiffness: np.ndarray) -> Self:
+        """Springs (m,) of `stiffness` k [N/m] on ways e (m, 3) [m], that slide at `limit` μλ [N].
+
+        φ is k |e|²/2 where k |e| ≤ μλ, and else μλ |e| − (μλ)²/(2k), in J.
+        """
+        moments = np.repeat(limit[:, None], 3, axis=1)
+        return cls(moments, limit**2 / stiffness)
 
     def weakened(self, factor: float) -> Self:
         """The sliders with `factor` times the moments M₁ and M₂, and the stiffness as before."""
