@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 import fecloth as fc
 from studies import harness
@@ -168,7 +168,7 @@ def row_of(
         line[key] - start for key in ("from", "to", "predicted", "measured")
     )
     mean, n = float(np.mean(others)), len(others)
-    half = float(stats.t.ppf(0.975, n - 1) * np.std(others, ddof=1) * math.sqrt(1 + 1 / n))
+    half = float(stdtrit(n - 1, 0.975) * np.std(others, ddof=1) * math.sqrt(1 + 1 / n))
     told = math.isfinite(low)
     return {
         "fabric": fabric,
@@ -207,6 +207,8 @@ def summaries(rows: Rows) -> Rows:
         line: dict[str, Any] = {"left out": words, "curves": len(own), "told": len(told)}
         line["covered"] = covered
         if told:
+            from scipy import stats  # takes half a second
+
             low, high = stats.binomtest(covered, len(told)).proportion_ci(0.95, "exact")
             line["Clopper-Pearson 95 %"] = f"{low:.2f} to {high:.2f}"
             for name in "score", "score of a constant":

@@ -205,7 +205,8 @@ class SelfContact:
 
     Friction sticks and slides as for `Obstacle`, with k = 100 κ A/gap of each pair. Where a node
     goes over to the next triangle, the new pair takes over the stretch of the old one, so that
-    an anchor stays at its material points.
+    an anchor stays at its material points. Of two layers that stick to each other and turn
+    together about their normal, the stretch keeps its direction in space.
 
     An impact leaves the part `restitution` of the speed at which two layers close, as for
     `Obstacle`.
