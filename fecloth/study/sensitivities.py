@@ -325,6 +325,7 @@ def _check_by_twin_runs(
     # Where all derivatives are about 0, the distance is compared with round-off of the runs. The
     # smallest number is added so that nothing is divided by 0.
     least_size = LEAST_QUANTITY_CHANGE * np.abs(row["values"]) / WIDE_CHANGE
+    least_size *= np.abs(signs).max()
     least_size = least_size + np.finfo(float).tiny
     size_of_all = np.maximum(np.abs(slopes) @ np.abs(signs), least_size)
     return np.abs(measured - predicted) / size_of_all, row["why"]

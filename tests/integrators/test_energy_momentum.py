@@ -167,3 +167,41 @@ def test_the_exact_tangent_helps_where_the_symmetric_one_does_not_converge():
     with pytest.raises(fc.StepFailed):
         end("symmetric")
     np.testing.assert_allclose(end("auto"), end("exact"), rtol=0, atol=1e-8)
+
+
+def test_the_midpoint_rule_does_not_keep_the_energy_of_that_flight(cloth):
+    result, *_ = flight(cloth, [fc.StVK()], fc.ImplicitMidpoint(), 2e-3, 0.02)
+    assert np.ptp(result.energies["total"]) > 1e-3 * result.energies["kinetic"].max()
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize(
+    "terms",
+    [
+        [fc.StVK(), fc.StrainRateDamping(0.002), fc.MassDamping(1.0), fc.Gravity()],
+        [fc.Springs(damping=0.002), fc.HingeBending(), fc.BendingDamping(0.01), fc.Gravity()],
+    ],
+    ids=["membrane", "springs"],
+)
+def test_the_ledger_closes_on_a_nonlinear_problem_with_damping_and_a_moved_pin(terms, cloth):
+    pin = fc.Pin("left", motion=lambda t: [0.0, 0.0, 0.05 * np.sin(20 * t)])
+    system = fc.System(cloth, ISOTROPIC, terms, pins=[pin])
+    newton = fc.Newton(tolerance=1e-13)
+    energies = fc.run(system, fc.EnergyMomentum(), system.rest(), 5e-3, 0.2, newton=newton).energies
+    flows = [v for k, v in energies.items() if k.startswith("dissipated")] + [energies["pins"]]
+    turnover = energies["kinetic"].max() + sum(abs(flow).max() for flow in flows)
+    assert all(abs(flow).max() > 1e-5 * turnover for flow in flows)
+    assert abs(energies["remainder"]).max() < 1e-10 * turnover
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize("damping", [0.0, 0.003])
+@pytest.mark.parametrize(("pattern", "rate"), [("right", 5.0), ("equilateral", 30.0)])
+def test_a_net_that_turns_without_stretch_meets_no_jump_of_the_force(pattern, rate, damping):
+    """A spring's force over a step has a limit as its stretch over the step goes to zero."""
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.1, pattern=pattern)
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), [fc.Springs(damping=damping)])
+    x = system.rest().x - [0.5, 0.3, 0.0]
+    start = system.state(x, np.cross([0.0, 0.0, rate], x))
+    run = fc.run(system, fc.EnergyMomentum("exact"), start, dt=0.005, t_end=0.3)
+    assert run.newton < 5 * 60

@@ -2,12 +2,42 @@
 
 import numpy as np
 import pytest
-from conftest import affine, taut_start
+import scipy.linalg
+from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators import CentralDifference, ForwardEuler, SymplecticEuler
 from fecloth.verify import check_integrator
+
+
+def spring(rate=0.0):
+    """A node pair of a strip that slides along X: one mode; the system and its ω [1/s]."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=1.0, pattern="right")
+    fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    terms = [LinearMembrane(1.0), *([fc.MassDamping(rate)] if rate else [])]
+    pins = ["left", fc.Slide("right", direction=(1.0, 0.0, 0.0))]
+    system = fc.System(cloth, fabric, terms, pins)
+    Z = system.admissible
+    K, M = Z.T @ system.stiffness(system.rest()) @ Z, Z.T @ system.mass @ Z
+    values, modes = scipy.linalg.eigh(K.toarray(), M.toarray())
+    return system, (Z @ modes[:, -1]).reshape(-1, 3), np.sqrt(values[-1])
+
+
+def growth(method, omega_dt, zeta, steps=400):
+    """Largest size of the fastest mode in the second half of a run over that in the first."""
+    omega = spring()[2]
+    system, shape, _ = spring(2 * zeta * omega)
+    dt = omega_dt / omega
+    start = system.state(system.rest().x + 1e-3 * shape)
+    weight = system.nodal_mass[:, None] * shape
+    sizes = [
+        np.hypot(np.vdot(weight, s.x - system.rest().x), np.vdot(weight, s.v) / omega)
+        for s, _ in fc.march(system, method, start, dt, steps * dt, most_stretch=np.inf)
+    ]
+    return max(sizes[steps // 2 :]) / max(sizes[: steps // 2])
+
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -79,3 +109,33 @@ def test_no_matrix_and_no_consistent_mass(method, small, isotropic, monkeypatch)
     consistent = fc.System(small, isotropic, [fc.StVK()], mass="consistent")
     with pytest.raises(fc.InputError, match="must be 'lumped': an explicit step divides"):
         next(fc.march(consistent, method, consistent.rest(), 1e-4, 1e-3))
+
+
+def test_forward_euler_without_damping_grows_at_any_dt():
+    assert growth(EULER, 0.05, 0.0) == pytest.approx((1 + 0.05**2) ** 100, rel=0.02)
+
+
+@pytest.mark.parametrize("method", stories_except(ALL, CENTRAL), ids=named)
+def test_pins_are_exact_and_reactions_carry_the_weight(method, small, isotropic):
+    def motion(t):
+        return np.array([np.sin(9 * t), 5.0, 0.3 * t])
+
+    pins = [fc.Pin("left", motion), fc.Pin("right", name="fixed")]
+    terms = [fc.StVK(), fc.StrainRateDamping(2e-4), fc.Gravity()]
+    system = fc.System(small, isotropic, terms, pins)
+    start = system.state(flat(small), t=0.3)
+    end = fc.run(system, method, start, 1e-4, 0.32).state
+    left, right = small.nodes("left"), small.nodes("right")
+    expected = start.x[left] + motion(0.32) - motion(0.3)
+    np.testing.assert_allclose(end.x[left], expected, rtol=0, atol=4e-15)
+    assert np.array_equal(end.x[right], start.x[right])
+    assert not end.v[right].any()
+
+    slide = fc.Slide(lambda X: X[:, 0] > -1, normal=(1.0, -2.0, 2.0), name="plane")
+    system = fc.System(small, isotropic, [fc.Gravity()], [slide])
+    result = fc.run(system, method, system.rest(), 0.01, 0.1)
+    weight = 0.2 * small.area * np.array([0.0, 0.0, -9.81])
+    reaction = [result.observed[f"reaction:plane.{c}"][-1] for c in "xyz"]
+    np.testing.assert_allclose(reaction, slide.projector @ weight - weight, atol=1e-12)
+    speed = 0.1 * slide.projector @ [0.0, 0.0, -9.81]
+    np.testing.assert_allclose(result.state.v, np.tile(speed, (len(small.X), 1)), atol=1e-12)

@@ -7,6 +7,7 @@ import pytest
 from conftest import taut_start
 from support.rundirs import restart_at
 from support.sliders import Sliders, SlidersOverStep
+from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -147,3 +148,36 @@ def test_a_record_that_is_lost_is_refused(system):
     )
     with pytest.raises(fc.InputError, match=r"Sliders.*commit\(x, t\) = None: must be the record"):
         over.commit(system.rest(), history)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_step_that_is_repeated_gives_the_same(name, system):
+    method, start = made(name), taut_start(system)
+    (state, info), (_, following) = marched(system, method, start, steps=2)
+    solver, _ = fc.solver_for(system, method, DT, "direct", TIGHT)
+    for _ in range(2):
+        step = method.step(
+            system, state, DT, solver, info.memory.method_memory, info.result.history
+        )
+        np.testing.assert_array_equal(step.state.x, following.result.state.x)
+        assert same(step.history[1], following.result.history[1])
+
+
+@pytest.mark.parametrize(
+    "name",
+    stories_except(
+        ["backward_euler", "bdf2", "newmark", "generalized_alpha", "energy_momentum"], "bdf2"
+    ),
+)
+def test_the_ledger_closes_with_what_slips(name, system):
+    """The remainder is that of a run without the term, but for a thousandth of the heat."""
+    run = {"solver": "direct", "newton": TIGHT}
+    alone = system.replace(terms=[fc.StVK(), fc.Gravity()])
+    energies, without = (
+        fc.run(each, made(name), taut_start(each), 5e-5, STEPS * DT, **run).energies
+        for each in (system, alone)
+    )
+    heat, least = energies["dissipated:Sliders"], abs(without["remainder"]).max()
+    assert heat[-1] > 1e-5
+    assert (np.diff(heat) >= 0).all()
+    assert abs(energies["remainder"]).max() < 1.1 * least + 1e-3 * heat[-1]

@@ -7,8 +7,8 @@ from support.linear_term import LinearDamping, LinearMembrane
 from support.tiers import MASSES, in_turn
 
 import fecloth as fc
-from fecloth.integrators import METHODS
-from fecloth.verify import check_integrator
+from fecloth.integrators import METHODS, MethodTraits
+from fecloth.verify import VerificationFailed, check_integrator
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -93,3 +93,67 @@ def test_the_linear_equation_is_solved_to_its_tolerance(isotropic):
     assert residual <= 1e-9
     exact, _ = run(fc.ImplicitMidpoint(), 1e-4, 1e-8)
     assert np.linalg.norm(loose - tight) < 2e-3 * np.linalg.norm(tight - exact)
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize(("method", "tangent"), in_turn(ALL, ["symmetric", "exact"]), ids=str)
+def test_order_with_damping(method, tangent, small, isotropic):
+    damping = fc.StrainRateDamping(0.002, tangent=tangent)
+    system = fc.System(small, isotropic, [fc.StVK(), damping, fc.Gravity()], pins=["boundary"])
+    check_integrator(system, method, taut_start(system), t_end=0.005, steps=(40, 80, 160, 320))
+
+
+def test_check_integrator_detects_a_wrong_order(small, isotropic):
+    class Claims(fc.BackwardEuler):
+        traits = MethodTraits(order=2)
+
+    system = fc.System(small, isotropic, [fc.StVK()], pins=["boundary"])
+    with pytest.raises(VerificationFailed, match="expected 2"):
+        check_integrator(system, Claims(), taut_start(system), t_end=0.005)
+
+
+def test_result_is_invariant_under_renumbering_and_rotation(small, isotropic, rng):
+    """Taut scene, direct solver: only the growth of round-off separates the runs."""
+    terms = [fc.StVK(), fc.StrainRateDamping(0.002)]
+
+    def end(cloth, turn, order):
+        system = fc.System(cloth, isotropic, terms, pins=["boundary"])
+        start = taut_start(system)
+        state = system.state(start.x @ turn.T, start.v @ turn.T)
+        run = fc.run(
+            system, fc.ImplicitMidpoint(), state, 2e-3, 0.04, solver="direct", newton=TIGHT
+        )
+        x = np.empty_like(run.state.x)
+        x[order] = run.state.x
+        return x
+
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    shuffle = rng.permutation(len(small.X))  # new node i is old node shuffle[i]
+    inverse = np.argsort(shuffle)
+    triangles = inverse[small.triangles][rng.permutation(len(small.triangles))]
+    sets = {"boundary": inverse[small.nodes("boundary")]}
+    other = fc.Cloth.from_arrays(small.X[shuffle], triangles, sets)
+    plain = end(small, np.eye(3), np.arange(len(small.X)))
+    turned = end(small, turn, np.arange(len(small.X)))
+    renumbered = end(other, np.eye(3), shuffle[other.source_nodes])
+    np.testing.assert_allclose(turned, plain @ turn.T, atol=1e-11)
+    np.testing.assert_allclose(renumbered, plain, atol=1e-11)
+
+
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.EnergyMomentum(), fc.GeneralizedAlpha()])
+def test_methods_conserve_their_invariants_on_quadratic_triangles(quadratic, orthotropic, method):
+    """All conserve momentum; energy–momentum also energy and angular momentum."""
+    system = fc.System(quadratic, orthotropic, [fc.StVK()])
+    x = 1.05 * system.rest().x
+    spin = np.array([1.0, -2.0, 3.0])
+    start = system.state(x, np.cross(spin, x) + [1.0, 0.5, 2.0])
+    newton = fc.Newton(tolerance=1e-12)
+    result = fc.run(system, method, start, 2e-4, 4e-3, solver="direct", newton=newton)
+    end, M = result.state, system.scalar_mass
+    before, after = (M @ s.v for s in (start, end))
+    np.testing.assert_allclose(after.sum(axis=0), before.sum(axis=0), rtol=1e-9)
+    if isinstance(method, fc.EnergyMomentum):
+        total = result.energies["kinetic"] + result.energies["StVK"]
+        np.testing.assert_allclose(total, total[0], rtol=1e-9)
+        turning = [np.cross(s.x, M @ s.v).sum(axis=0) for s in (start, end)]
+        np.testing.assert_allclose(turning[1], turning[0], rtol=1e-8, atol=1e-12)

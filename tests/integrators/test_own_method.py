@@ -93,3 +93,23 @@ def test_missing_members_of_a_method_are_named(own, swinging):
     cut = type("Cut", (theta,), {"stage": short})(0.5)
     with pytest.raises(fc.InputError, match=r"stage.v of shape \(19, 3\): must be \(20, 3\)"):
         fc.run(system, cut, start, 1e-3, 2e-3, solver="direct")
+
+
+@pytest.mark.stories
+def test_they_serve_a_run_with_moved_pins_and_its_ledger(own, swinging, cloth):
+    """The pinned edge is where it should be; half the step leaves a quarter of the remainder."""
+    system, start = swinging
+    edge, remainders = cloth.nodes("left"), {}
+    for method in (own.SDIRK2(), own.Theta(0.6)):
+        for dt in (1e-3, 5e-4):
+            result = fc.run(system, method, start, dt, 0.05)
+            at = [0.05 * np.sin(1.0), 0, 0.05 * (1 - np.cos(1.0))]
+            assert abs(result.state.x[edge] - start.x[edge] - at).max() < 1e-12
+            speed = [np.cos(1.0), 0, np.sin(1.0)]
+            np.testing.assert_allclose(
+                result.state.v[edge], np.tile(speed, (len(edge), 1)), 1e-6, 1e-6
+            )
+            remainders[repr(method), dt] = abs(result.energies["remainder"][-1])
+            assert remainders[repr(method), dt] < 0.02 * result.energies["StVK"][0]
+            assert result.energies["numerical"][-1] > 0
+    assert remainders["SDIRK2()", 1e-3] > 3 * remainders["SDIRK2()", 5e-4]

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import skfem
 
 import fecloth as fc
 
@@ -126,3 +127,24 @@ def test_interpolate_outside_limit_is_the_distance_to_the_triangle(point):
     with pytest.raises(fc.MeshError, match="must lie on the cloth"):
         cloth.interpolate(cloth.X, [point])
     assert cloth.interpolate(cloth.X, [(1.3, 0.5)]) == pytest.approx(np.array([[1.3, 0.5]]))
+
+
+def test_gradients_agree_with_scikit_fem(cloth, rng):
+    mesh = skfem.MeshTri(cloth.X.T.copy(), cloth.triangles.T.astype(np.int64))
+    basis, u = skfem.Basis(mesh, skfem.ElementTriP1()), rng.standard_normal(len(cloth.X))
+    expected = basis.interpolate(u).grad[:, :, 0].T
+    got = np.einsum("ea,eqai->ei", u[cloth.stencil], cloth.gradients)
+    np.testing.assert_allclose(got, expected, atol=1e-12 * abs(expected).max())
+
+
+def test_area_and_total_masses(cloth, disk):
+    """The polygon of k equal chords has the area k/2 r² sin(2π/k)."""
+    k = len(disk.nodes("boundary"))
+    expected = k / 8 * np.sin(2 * np.pi / k) if cloth is disk else 0.6
+    for total in (
+        cloth.area,
+        cloth.load().sum(),
+        cloth.mass().sum(),
+        cloth.mass("consistent").sum(),
+    ):
+        assert total == pytest.approx(expected, rel=1e-12)

@@ -1,12 +1,41 @@
 """Lumped masses of quadratic triangles, and explicit methods on them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import eigsh
 from support.tiers import stories_except
 
 import fecloth as fc
-from fecloth.stability import rate_bounds
+from fecloth.stability import critical_dt, element_bound, estimate, rate_bounds
+
+TERMS = {
+    "interpolated": [fc.StVK()],
+    "pointwise": [fc.StVK(strain="pointwise")],
+    "plate": [fc.StVK(), fc.PlateBending()],
+    "stiff plate": [fc.StVK(), fc.PlateBending()],
+    "damped": [
+        fc.StVK(),
+        fc.PlateBending(),
+        fc.StrainRateDamping(1e-4),
+        fc.BendingDamping(1e-3),
+        fc.MassDamping(2.0),
+    ],
+}
+
+
+def growth(system, method, dt, steps):
+    """Largest displacement after small random ones, over theirs; infinite if a step fails."""
+    rest, size = system.rest(), 1e-6
+    noise = size * np.random.default_rng(0).standard_normal(rest.x.shape)
+    start = system.state(system.constraints.hold(rest.x + noise, rest.x))
+    try:
+        end = list(fc.march(system, method, start, dt, steps * dt))[-1][0]
+    except fc.StepFailed:
+        return np.inf
+    return np.abs(end.x - rest.x).max() / size
+
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
 PATTERNS = ["right", "cross", "equilateral", "unstructured"]
@@ -65,3 +94,29 @@ def test_mass_damping_and_forces_per_mass_are_shared_as_mass_is():
     assert rate_bounds(system) == pytest.approx((0.0, 3.0), rel=1e-13)
     pull = fc.System(system.cloth, FABRIC, [fc.UserForce((0, 0, 5.0), per="mass")], mass="lumped")
     np.testing.assert_allclose(pull.force(pull.rest())[:, 2], 5.0 * pull.nodal_mass, rtol=1e-13)
+
+
+@pytest.mark.parametrize("terms", TERMS)
+@pytest.mark.parametrize("pattern", stories_except(PATTERNS, "unstructured"))
+def test_steps_are_stable_up_to_the_limit(pattern, terms):
+    """A small motion stays small below the limit and explodes above; the bound is close to it."""
+    fabric = replace(FABRIC, bending_rigidity=10.0) if terms == "stiff plate" else FABRIC
+    system = fc.System(square(pattern, 0.25), fabric, TERMS[terms], ["left"], "lumped")
+    for kind in (fc.SymplecticEuler, fc.CentralDifference):
+        limit = critical_dt(system, system.rest(), kind())
+        bound = element_bound(system, kind())
+        assert estimate(system, system.rest(), kind()) == pytest.approx(limit, rel=0.03)
+        assert bound <= limit < (2.2 if terms == "stiff plate" else 1.35) * bound
+        assert growth(system, kind(), 0.95 * limit, 100) < 20
+        assert growth(system, kind(beyond_limit=True), 1.05 * limit, 200) > 1e3
+
+
+@pytest.mark.parametrize("terms", [TERMS["damped"][:4], [fc.StVK(strain="pointwise")]], ids=len)
+def test_free_fall_is_rigid(terms):
+    """Weight is shared among the nodes as mass is."""
+    cloth = square("unstructured", 0.3)
+    system = fc.System(cloth, FABRIC, [*terms, fc.Gravity()], mass="lumped")
+    start, dt = system.rest(), 0.5 * element_bound(fc.System(cloth, FABRIC, terms, mass="lumped"))
+    end = fc.run(system, fc.CentralDifference(), start, dt, 100 * dt).state
+    fall = [0, 0, -0.5 * 9.81 * end.t**2]
+    np.testing.assert_allclose(end.x - start.x, np.tile(fall, (len(end.x), 1)), atol=1e-12)

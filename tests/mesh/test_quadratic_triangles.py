@@ -154,3 +154,19 @@ def test_integrals_and_values_on_curved_triangles():
     np.testing.assert_allclose(disk.interpolate(disk.X, points), points, atol=1e-12)
     linear = disk.X @ [2.0, -3.0]
     assert disk.h1_error(linear, lambda X: np.tile([2.0, -3.0], (len(X), 1))) < 1e-11
+
+
+def test_a_uniform_strain_on_curved_triangles():
+    """Of the pointwise strain a uniform stress is in balance; the interpolated one is near it."""
+    unbalanced = {}
+    for strain in ("pointwise", "interpolated"):
+        for h in (0.1, 0.05):
+            disk = fc.Cloth.disk(0.5, h, element="P2")
+            system = system_on(disk, [fc.StVK(strain=strain)])
+            x = disk.X @ np.array([[1.02, 0.01, 0], [0.03, 0.99, 0]])
+            force = system.force(system.state(x))
+            free = np.setdiff1d(np.arange(len(x)), disk.nodes("boundary"))
+            unbalanced[strain, h] = np.abs(force[free]).max() / np.abs(force).max()
+    assert max(unbalanced["pointwise", h] for h in (0.1, 0.05)) < 1e-11
+    assert unbalanced["interpolated", 0.1] < 0.002
+    assert unbalanced["interpolated", 0.05] < 0.4 * unbalanced["interpolated", 0.1]

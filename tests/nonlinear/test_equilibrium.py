@@ -433,3 +433,44 @@ def test_the_work_of_a_pin_is_that_of_its_force_at_both_ends():
     system = drawn(("0.001*t", 0, 0))
     run = fc.run(system, LoadSteps(3), system.rest(), t_end=1.0)
     assert run.energies["pins"][-1] == pytest.approx(run.energies["StVK"][-1], rel=2e-3)
+
+
+@pytest.mark.parametrize("rigidity", [1e-3, 1e-5])
+def test_square_hung_by_its_corners_with_bending(rigidity):
+    """From the flat state at rest, 1 478 triangles; the four corners carry the weight."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.04)
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=rigidity)
+    corners = fc.Pin(lambda X: (abs(X - 0.5) > 0.5 - 1e-9).all(axis=1))
+    terms = [fc.StVK(), fc.HingeBending(), DOWN]
+    system = fc.System(cloth, fabric, terms, pins=[corners])
+    found, iterations = solved(system, system.rest())
+    assert 1000 < len(cloth.triangles) <= 2000
+    assert len(iterations) < 60
+    carried = -system.force(found)[system.constraints.nodes]
+    np.testing.assert_allclose(carried.sum(axis=0), [0, 0, 0.2 * 9.81], atol=1e-7)
+    assert -0.5 < found.x[:, 2].min() < -0.02
+    # a minimum of the energy: nearby admissible states have more
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        noise = system.constraints.project(rng.standard_normal(found.x.shape))
+        other = system.state(found.x + 1e-4 * noise)
+        assert sum(system.energies(other).values()) > sum(system.energies(found).values())
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize(("load", "least"), [(20.0, 150), (60.0, 230)])
+def test_a_follower_pressure_turns_a_strip_round(load, least):
+    """The tip meets the elastica's at first order in h, as the clamp does."""
+    expected, turn = blown_elastica(load)
+    assert turn > least
+    errors = []
+    for cells in (40, 80):
+        system = strip(load, cells)
+        found, iterations = solved(system, system.rest(), load_steps=10)
+        assert [it.load for it in iterations if it.number == 1] == pytest.approx(
+            np.arange(1, 11) / 10
+        )
+        tip = found.x[system.cloth.nodes("right")].mean(axis=0)
+        tip[[0, 1]] -= 0.5 / (cells - 0.5)
+        errors.append(np.linalg.norm(tip - expected))
+    assert errors[1] < min(0.012, 0.6 * errors[0])

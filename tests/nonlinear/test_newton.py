@@ -188,3 +188,13 @@ def test_an_iteration_that_creeps_in_contact_ends_early(touches, length, ends, m
     with pytest.raises(NewtonFailed, match="creeps: 10 steps" if ends == 10 else "in 15 iter"):
         fc.BackwardEuler().step(system, system.rest(), 0.01, solver)
     assert len(lengths) == ends
+
+
+def test_quadratic_convergence_on_a_taut_cloth(sheet, isotropic, rng):
+    system = fc.System(sheet, isotropic, [fc.StVK()], pins=["boundary"])
+    x = affine(sheet, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]])
+    start = system.state(x, system.constraints.project(rng.standard_normal(x.shape)))
+    norms = residuals(system, fc.BackwardEuler(), start, 0.01, np.zeros_like(x))
+    tail = norms[(norms < 1e-1) & (norms > 1e-11)]
+    assert len(tail) >= 2
+    assert (tail[1:] < 20 * tail[:-1] ** 2).all()

@@ -13,6 +13,30 @@ from fecloth.stability import (
     estimate,
 )
 
+DAMPED = [fc.StVK(), fc.StrainRateDamping(0.5)]
+
+
+def grown(system, dt, steps=3000):
+    """Growth of the energy of noise on the linear system under the symplectic Euler method."""
+    K, _, M = dense(system, system.rest())
+    m, rng = np.diag(M), np.random.default_rng(5)
+    x, v = 1e-6 * rng.standard_normal(len(m)), np.zeros(len(m))
+    start = x @ K @ x
+    for _ in range(steps):
+        v -= dt * (K @ x) / m
+        x += dt * v
+        if abs(x).max() > 1e6:
+            break
+    return (x @ K @ x + v @ (m * v)) / start
+
+
+def ratio(cloth, fabric, terms, method="symplectic_euler", **options):
+    """critical_dt over the bound; a bound that is unsafe has less than 1."""
+    system = fc.System(cloth, fabric, terms, **options)
+    found = critical_dt(system, system.rest(), method) / element_bound(system, method)
+    assert found > 1 - 1e-9
+    return found
+
 
 def dense(system, state):
     """K, D, M on the free directions, as full matrices."""
@@ -199,3 +223,65 @@ def test_an_estimate_costs_few_forces_and_sees_a_stiff_corner(isotropic, monkeyp
     monkeypatch.setattr(fc.System, "force", lambda *given: calls.append(1) or plain(*given))
     assert 0.95 < estimate(system, state, method) / exact < 1.005
     assert len(calls) < 20
+
+
+def test_a_stiffer_state_needs_a_smaller_step(sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.StVK()])
+    stretched = system.state(affine(sheet, [[1.3, 0.0], [0.0, 1.3], [0.0, 0.0]]))
+    assert critical_dt(system, stretched) < 0.9 * critical_dt(system, system.rest())
+
+
+def test_real_blow_up_lies_within_two_per_cent_above(small, isotropic):
+    system = fc.System(small, isotropic, [fc.StVK()], pins=["left"])
+    dt = critical_dt(system, system.rest())
+    assert grown(system, 0.999 * dt) < 1e4
+    assert not grown(system, 1.02 * dt) < 1e20
+
+
+@pytest.mark.parametrize("pattern", ["right", "cross", "equilateral", "unstructured"])
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_the_bound_is_never_unsafe(pattern, mass, isotropic, orthotropic):
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.17, pattern=pattern)
+    bent = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1.0)
+    for fabric in (isotropic, orthotropic):
+        for pins in ([], ["left"]):
+            for terms in ([fc.StVK()], [fc.NeoHookean()], DAMPED):
+                if fabric is orthotropic and isinstance(terms[0], fc.NeoHookean):
+                    continue
+                ratio(cloth, fabric, terms, pins=pins, mass=mass)
+    ratio(cloth, bent, [fc.StVK(), fc.HingeBending()], mass=mass)
+
+
+@pytest.mark.parametrize("eta", [0.0, 1e-3, 5e-3])
+@pytest.mark.parametrize(("beta", "gamma"), [(0.1, 0.5), (0.2, 0.6), (0.25, 0.7)])
+def test_newmark_with_less_beta_has_a_limit(beta, gamma, eta, small, isotropic):
+    """Where the step matrix of Newmark's formulas begins to grow; modes are not shared."""
+    terms = [fc.StVK(), *([fc.StrainRateDamping(eta), fc.MassDamping(3.0)] if eta else [])]
+    system = fc.System(small, isotropic, terms, pins=["left"])
+    state = system.state(affine(small, [[1.2, 0.1], [0.0, 1.05], [0.3, 0.0]]))
+    limit = critical_dt(system, state, fc.Newmark(beta, gamma))
+    K, D, M = dense(system, state)
+
+    def radius(dt):
+        one, nil = np.eye(len(M)), 0 * M
+        new = [[one, nil, -beta * dt**2 * one], [nil, one, -gamma * dt * one], [K, D, M]]
+        old = [
+            [one, dt * one, (0.5 - beta) * dt**2 * one],
+            [nil, one, (1 - gamma) * dt * one],
+            [nil, nil, nil],
+        ]
+        return abs(np.linalg.eigvals(np.linalg.solve(np.block(new), np.block(old)))).max()
+
+    assert radius((1 - 1e-5) * limit) < 1 + 1e-8
+    assert radius((1 + 1e-5) * limit) > 1 + 1e-7
+    assert element_bound(system, fc.Newmark(beta, gamma)) > 0
+
+
+def test_an_estimate_counts_a_gas(isotropic):
+    cloth = fc.Cloth.disk(0.5, 0.2)
+    system = fc.System(cloth, isotropic, [fc.Gas(pressure=1e5, volume=1e-4)], pins=["boundary"])
+    x = system.rest().x
+    x[:, 2] = 0.01 * (1 - np.sum(cloth.X**2, axis=1) / 0.25)
+    state = system.state(x)
+    found = estimate(system, state, fc.SymplecticEuler())
+    assert 0.96 < found / critical_dt(system, state) < 1.01

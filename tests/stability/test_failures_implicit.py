@@ -8,6 +8,32 @@ from scipy.optimize import brentq
 
 import fecloth as fc
 
+
+def swing(method, dt=0.01, t_end=0.6):
+    """Largest energy [J] over that at the start, of which 0.98 J can become motion."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1)
+    fabric = fc.Fabric(0.2, 1e4, 0.3, bending_rigidity=1e-5)
+    terms = [fc.StVK(), fc.HingeBending(), fc.Gravity()]
+    system = fc.System(cloth, fabric, terms, pins=["left"])
+    if dt is None:
+        dt = 0.9 * fc.critical_dt(system, system.rest())
+    marching = fc.march(system, method, system.rest(), dt, t_end, most_stretch=np.inf)
+    return max(sum(system.energies(state).values()) for state, _ in marching)
+
+
+GAIN = [fc.ImplicitMidpoint(), fc.Newmark(0.25, 0.5), fc.GeneralizedAlpha(0.8)]
+
+
+KEEP = [fc.EnergyMomentum("exact"), fc.BackwardEuler(), fc.BDF2(), fc.GeneralizedAlpha(0.0)]
+
+
+METHODS = [
+    (fc.ImplicitMidpoint(), 5e-3),
+    (fc.EnergyMomentum(), 5e-3),
+    (fc.CentralDifference(), 1e-3),
+]
+
+
 THIRD = 1 / np.sqrt(3)
 
 
@@ -172,3 +198,35 @@ def test_the_moment_jumps_where_the_angle_does(term, moment):
         force = system.force(folded(system, node, angle))
         assert np.isfinite(force).all()
         assert force[node] @ ahead == pytest.approx(-sign * moment, abs=1e-8)
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize("method", GAIN, ids=repr)
+def test_these_make_energy_where_the_waves_are_not_resolved(method):
+    assert swing(method) > 0.1
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize("method", KEEP, ids=repr)
+def test_these_make_none_there(method):
+    assert swing(method) < 1e-5
+
+
+@pytest.mark.stories
+def test_the_midpoint_rule_makes_none_below_the_explicit_limit():
+    assert swing(fc.ImplicitMidpoint(), None, 0.1) < 1e-4
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize(("method", "dt"), METHODS, ids=repr)
+def test_it_goes_through_where_its_energy_suffices(method, dt):
+    """½ I ω² against ½ k (π² − θ₀²); all stays finite, and the energy is that of the start."""
+    system, node = hinge(fc.HingeBending())
+    inertia = system.nodal_mass[node] * RADIUS**2
+    enough = np.sqrt(2 * B * (np.pi**2 - 3.0**2) / inertia)
+    for share, through in ((0.97, False), (1.03, True)):
+        start = folded(system, node, 3.0, share * enough)
+        states = [state for state, _ in fc.march(system, method, start, dt, 1.2)]
+        assert (states[-1].x[node, 2] < 0) == through
+        energies = [sum(system.energies(state).values()) for state in [start, *states]]
+        assert np.ptp(energies) < 1e-3 * energies[0]

@@ -163,3 +163,13 @@ def test_two_membranes_add_up():
     x = displaced(single.cloth.X)
     two = fc.System(single.cloth, single.fabric, [fc.StVK(), fc.StVK()])
     assert stress_at_nodes(two)(x) == pytest.approx(2 * stress_at_nodes(single)(x))
+
+
+def test_a_turned_tensor():
+    angle = 0.4
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    S = np.array([[3.0, 0.7], [0.7, -1.0]])
+    turned = R @ S @ R.T
+    given = np.array([[[S[0, 0], S[1, 1], S[0, 1]]]])
+    expected = [turned[0, 0], turned[1, 1], turned[0, 1]]
+    assert along_axes(given, np.array([angle]))[0, 0] == pytest.approx(expected)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import skfem
-from conftest import rough
+from conftest import affine, rough
 from scipy.sparse.linalg import eigsh
 
 import fecloth as fc
@@ -126,3 +126,17 @@ def test_the_arguments_of_a_system_do_not_change():
     for name in ("cloth", "fabric", "terms", "pins", "mass_kind", "grain", "start", "threads"):
         with pytest.raises(AttributeError, match=name):
             setattr(system, name, None)
+
+
+def test_kinetic_energy_of_a_turning_sheet(sheet, orthotropic):
+    """½ ρ ω² ∫ |X|² dA = ½ ρ ω² (w³h + wh³)/3 about a corner, exact for the consistent mass."""
+    x = affine(sheet, np.eye(3)[:, :2])
+    energy = {}
+    for mass in MASSES:
+        system = fc.System(sheet, orthotropic, [], mass=mass)
+        state = system.state(x, np.cross([0, 0, 4.0], x))
+        energy[mass] = system.energies(state)["kinetic"]
+    exact = 0.5 * 0.15 * 16 * (0.6 + 0.6**3) / 3
+    assert energy["consistent"] == pytest.approx(exact, rel=1e-12)
+    assert energy["lumped"] == pytest.approx(exact, rel=0.02)
+    assert energy["lumped"] > exact * (1 + 1e-4)

@@ -4,12 +4,61 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.plates import PATTERNS, rolled, square
 from support.tiers import in_turn, stories_except
 
 import fecloth as fc
+from fecloth.nonlinear.increments import LoadIncrement, solve_increment, static_context
 from fecloth.terms.sliders import Sliders
 from fecloth.terms.step_difference import StepDifference
+
+
+def follow(bound, states):
+    """The bound term over each step between positions x (n, 3), from the record of the first."""
+    record = bound.start_history(states[0], 0.0)
+    for start, x in pairwise(states):
+        over = bound.over_step(StepDifference(start, 1.0, 1.0, ((1.0, start),), history=record))
+        record = over.commit(x, 0.0)
+        yield over, bound.with_history(record), x
+
+
+def bent_state(cloth):
+    X, Y = cloth.X.T
+    return np.column_stack([X, Y, 0.1 * np.sin(3 * X + Y) + 0.1 * X * Y])
+
+
+def let_go(pattern, n, element="P1"):
+    """The curvature along a strip that was bent far to a cylinder, and slowly let go."""
+    L = 0.2
+    cloth = fc.Cloth.rectangle(L, 0.3 * L, h=L / n, pattern=pattern, element=element)
+    bent = 5.0  # 1/m, so that the sliders slid there and slide back
+    M = 0.3 * B * bent
+    assert bent > M * (1 / B + 2 / (20 * B))
+    given = fabric(2 * M)
+    hold = np.zeros((len(cloth.X), 3))
+    load = fc.UserForce(lambda x, v, t: hold, per="node")
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(), load]
+    pins = [fc.Pin("left", clamp=True)]
+    system = fc.System(cloth, given, terms, pins)
+    flat, x = system.rest().x, rolled(cloth.X, 1 / bent)
+    over, _, _ = next(follow(system.bound[2], [flat, x]))
+    history = (None, None, over.commit(x, 0.0), None)
+    for term in system.with_history(history).bound[1:3]:  # the membrane of an arc is too short
+        term.add_force(x, 0 * x, 0.0, hold)
+    hold *= -1
+    context = static_context(system, "auto", 200, "direct")
+    for part in np.linspace(1, 0, 11)[1:]:
+        increment = LoadIncrement(system, system.state(x), part, 0.1, 0.0, 0.0, history)
+        solved, over = solve_increment(increment, None, context)
+        x = solved.x
+        history = over.commit(system.state(x), history)
+    kappa, _ = system.bound[1].curvatures(x, 0.0)
+    inner = np.abs(cloth.X[cloth.triangles[:, :3]].mean(axis=1)[:, 0] / L - 0.5) < 0.3
+    weights = np.repeat(cloth.weights.sum(axis=1), len(kappa) // len(inner))
+    inner = np.repeat(inner, len(kappa) // len(inner))
+    return np.average(kappa[inner, 0], weights=weights[inner]) / (M / B) - 1
+
 
 B, HB = 2e-5, 3e-4  # N m, N
 
@@ -200,3 +249,75 @@ def test_a_cantilever_that_is_laid_down_has_the_closed_form():
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.35)
     stiff = cantilever(16, 1e4)
     assert stiff[0] / stiff[2] - 1 == pytest.approx(stiff[0] / stiff[1] - 1, abs=1e-3)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_nothing_depends_on_the_frame(element):
+    cloth = square("unstructured", 4, element)
+    system = fc.System(cloth, fabric((2 * HB, HB)), [fc.BendingFriction()], grain=0.3)
+    R = Rotation.from_rotvec([0.5, -1.0, 0.25]).as_matrix()
+    flat = system.rest().x
+    states = [flat, 0.3 * bent_state(cloth) + 0.7 * flat, bent_state(cloth)]
+    ours = list(follow(system.bound[0], states))[-1]
+    theirs = list(follow(system.bound[0], [x @ R.T + [1, 2, 3] for x in states]))[-1]
+    assert theirs[0].dissipation(theirs[2]) == pytest.approx(ours[0].dissipation(ours[2]), 1e-11)
+    assert ours[0].dissipation(ours[2]) > 0
+    f, g = np.zeros((2, *flat.shape))
+    ours[1].add_force(ours[2], 0 * flat, 0.0, f)
+    theirs[1].add_force(theirs[2], 0 * flat, 0.0, g)
+    assert g == pytest.approx(f @ R.T, abs=1e-11 * np.abs(f).max())
+    assert np.abs(f.sum(axis=0)).max() < 1e-12 * np.abs(f).sum()
+    assert np.abs(np.cross(ours[2], f).sum(axis=0)).max() < 1e-12 * np.abs(f).sum()
+
+
+def test_regions_and_seams_have_the_moments_of_their_fabrics():
+    cloth = square("right", 6)
+    left = cloth.X[cloth.triangles].mean(axis=1)[:, 0] < 0.5
+    regions = {"a": np.flatnonzero(left), "b": np.flatnonzero(~left)}
+    cloth = fc.Cloth.from_arrays(cloth.X, cloth.triangles, regions=regions)
+    fabrics = {"a": fabric(2 * HB), "b": fabric(0.0)}
+    system = fc.System(cloth, fabrics, [fc.BendingFriction()])
+    flat, bent = system.rest().x, rolled(cloth.X, 1.0)
+    over, after, x = next(follow(system.bound[0], [flat, bent]))
+    moment = np.linalg.norm(after.cells(x, 0.0)["friction_moment"], axis=1)
+    X = cloth.X[cloth.triangles].mean(axis=1)[:, 0]
+    inside = (X > 1 / 6) & (X < 0.5)  # the free edge at X = 0 has no moment
+    assert moment[inside] == pytest.approx(HB, rel=1e-9)
+    assert not moment[X > 0.5].any()
+    slid = cloth.weights.sum(axis=1)[moment > HB / 2].sum()
+    assert over.dissipation(x) == pytest.approx(HB * slid * (1.0 - HB / (20 * B)), rel=1e-2)
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize(("pattern", "element"), [("cross", "P1"), ("unstructured", "P2")])
+def test_a_strip_that_is_let_go_rests_at_the_curvature_of_its_friction(pattern, element):
+    assert abs(let_go(pattern, 8, element)) < 5e-3
+
+
+def test_where_the_weight_does_not_overcome_the_friction_there_is_only_its_elastic_part():
+    L = 0.2
+    cloth = fc.Cloth.rectangle(L, 0.05, h=L / 16, pattern="right")
+    w = 0.02 * 8 * B / L**3
+    given = fabric(2 * 1.1 * w * L**2 / 2, areal_density=w / 9.81)
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(9.0), fc.Gravity()]
+    system = fc.System(cloth, given, terms, [fc.Pin("left", clamp=True)])
+    tip = -fc.equilibrium(system, system.rest()).x[:, 2].min()
+    assert tip == pytest.approx(w * L**4 / (8 * B * 10.0), rel=0.01)
+
+
+@pytest.mark.stories
+def test_shaken_it_rests_where_it_would_without_friction():
+    cloth = fc.Cloth.rectangle(0.2, 0.05, h=0.0125, pattern="right")
+    pins = [fc.Pin("left", clamp=True)]
+    plain = [fc.StVK(), fc.PlateBending(), fc.Gravity()]
+    with_friction = fc.System(cloth, fabric(), [*plain, fc.BendingFriction()], pins)
+    without = fc.System(cloth, fabric(), plain, pins)
+    start = without.rest()
+    laid = fc.equilibrium(with_friction, start)
+    shaken = fc.equilibrium(with_friction, start, friction="shaken")
+    elastic = fc.equilibrium(without, start, load_steps=20)
+    far = np.abs(elastic.x - start.x).max()
+    assert np.abs(laid.x - elastic.x).max() > 5e-3 * far
+    assert np.abs(shaken.x - elastic.x).max() < 1e-6 * far
+    with pytest.raises(fc.InputError, match="friction = 'shook'.*laid.*shaken"):
+        fc.equilibrium(without, start, friction="shook")

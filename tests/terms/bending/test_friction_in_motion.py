@@ -137,3 +137,37 @@ def test_a_scene_is_laid_or_shaken(tmp_path):
         assert np.abs(moments).max() == pytest.approx(HB if friction == "laid" else 0, abs=1e-9)
         assert np.abs(cells["slid_curvature"][0]).max() > 1
     assert np.abs(ends["laid"].x - ends["shaken"].x).max() > 1e-3
+
+
+def test_an_arc_that_opens_against_damping():
+    """Without a potential Newton's iteration ran in circles in the third step."""
+    cloth = fc.Cloth.rectangle(0.04, 0.01, h=0.0025, pattern="right")
+    fabric = fc.Fabric(0.163, 1000.0, bending_rigidity=6.57e-6, bending_hysteresis=3.236e-4)
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(), fc.MassDamping(20.0)]
+    system = fc.System(cloth, fabric, terms, [fc.Pin("left", clamp=True)])
+    X, Y = cloth.X.T
+    start = system.state(np.column_stack([np.sin(50 * X) / 50, Y, (1 - np.cos(50 * X)) / 50]))
+    for _, info in fc.march(system, fc.ImplicitMidpoint(), start, 1e-3, 5e-3):
+        assert info.counts.newton < 40
+
+
+@pytest.mark.stories
+def test_explicit_steps_at_the_limit_agree_with_implicit_ones():
+    implicit = fall(strip(), fc.BDF2(), 5e-4, 0.15)
+    explicit = fall(strip(), fc.CentralDifference(), None, 0.15)
+    far = np.abs(implicit.state.x - strip().rest().x).max()
+    assert np.abs(explicit.state.x - implicit.state.x).max() < 0.02 * far
+    work = np.ptp(explicit.energies["Gravity"])
+    assert np.abs(explicit.energies["remainder"]).max() < 1e-3 * work
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize("name", ["backward_euler", "bdf2", "generalized_alpha"])
+def test_the_ledger_has_the_work_of_clamps_that_turn(name):
+    """The remainder is a small part of their work, as without friction."""
+    turn = fc.Rotation((0, 0, 0), (0, 1, 0), "-1.0*t")
+    system = strip(pins=[fc.Pin("left", clamp=True, rotate=turn)], density=0.02, n=4)
+    energies = fall(system, METHODS[name](), 2e-3, 0.1).energies
+    assert energies["dissipated:BendingFriction"][-1] > 0
+    work = np.abs(np.diff(energies["pins"])).sum() + np.ptp(energies["Gravity"])
+    assert np.abs(energies["remainder"]).max() < 0.02 * work

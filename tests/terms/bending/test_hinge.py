@@ -200,3 +200,29 @@ def test_damping_force_is_on_the_angle_rate(sheet, woven, rng):
     power = system.bound[0].power(x, v, 0.0)
     assert power == pytest.approx(0.02 * hinge_stiffness(system.panel, "") @ rate**2, rel=1e-6)
     assert power == pytest.approx(-np.vdot(system.force(system.state(x, v)), v), rel=1e-12)
+
+
+@pytest.mark.stories
+def test_decay_of_one_mode():
+    """A free hinge swings as θ̈ = −ω² (θ + τ θ̇): exp(−τω²t/2) cos(ω√(1 − ζ²) t + …), ζ = ω τ/2.
+
+    The fold ±h at the two sides of a line that is held is the mode; each apex of mass m at the
+    height h from the line has the inertia m h², and θ is twice its turn.
+    """
+    X = np.array([[0.0, -0.1], [0.0, 0.1], [-0.2, 0.0], [0.2, 0.0]])
+    cloth = fc.Cloth.from_arrays(X, [[0, 1, 2], [1, 0, 3]], renumber=False)
+    fabric = fc.Fabric(0.3, 1.0, bending_rigidity=2e-4)
+    k = 2e-4 * 0.2**2 / (2 * 0.02)
+    m, h = 0.3 * 0.02 / 3, 0.2
+    omega = np.sqrt(k * 4 / (2 * m * h**2))  # ½ 2 m h² φ̇² and ½ k (2φ)²
+    zeta = 0.2
+    tau = 2 * zeta / omega
+    terms = [fc.HingeBending(), fc.BendingDamping(tau)]
+    system = fc.System(cloth, fabric, terms, pins=[fc.Pin([0, 1])])
+    start = 1e-5
+    x = flat(cloth)
+    x[2:, 2] = start * h
+    period = 2 * np.pi / (omega * np.sqrt(1 - zeta**2))
+    result = fc.run(system, fc.ImplicitMidpoint(), system.state(x), period / 400, period)
+    decay = np.exp(-2 * np.pi * zeta / np.sqrt(1 - zeta**2))
+    assert hinge_angles(cloth, result.state.x)[0] / (2 * start) == pytest.approx(decay, rel=1e-3)

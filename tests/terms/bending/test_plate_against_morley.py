@@ -52,3 +52,9 @@ def test_plate_and_morley_approach_each_other(pattern, edges, fabric):
     assert apart[1] < 0.012
     assert 1.8 < np.log2(apart[0] / apart[1]) < 2.2
     assert errors[1][0] < errors[1][1] < 0.025
+
+
+def test_turned_rigidity_is_that_of_the_fabric_at_a_right_angle():
+    D = ORTHOTROPIC.plate()
+    swapped = D[[1, 0, 2]][:, [1, 0, 2]]
+    assert turned(D, np.pi / 2) == pytest.approx(swapped)

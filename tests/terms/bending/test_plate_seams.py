@@ -2,10 +2,44 @@
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 from support.plates import BENDING, deflection, plate
 
 import fecloth as fc
 from fecloth.mesh.edge_slopes import continue_curvature
+
+
+def two_part_plate(D, nu):
+    """The polynomials f of x − ½ left and right of the seam for which w = f sin πy is a solution.
+
+    The sides are supported: f = f″ = 0. At the seam w, its slope, M_nn = D (f″ − ν π² f) and the
+    force D (f‴ − (2 − ν) π² f′) are equal on both sides; there w is 1.
+    """
+    monomials = [Polynomial.basis(k) for k in range(7)]
+
+    def values(place, k):
+        return np.array([f.deriv(k)(place) for f in monomials])
+
+    zero, pi2 = np.zeros(len(monomials)), np.pi**2
+    at_seam = [
+        [values(0, 0), values(0, 1)]
+        + [rigidity * (values(0, 2) - ratio * pi2 * values(0, 0))]
+        + [rigidity * (values(0, 3) - (2 - ratio) * pi2 * values(0, 1))]
+        for rigidity, ratio in zip(D, nu, strict=True)
+    ]
+    rows = [np.append(a, -b) for a, b in zip(*at_seam, strict=True)]
+    rows += [np.append(values(-0.5, k), zero) for k in (0, 2)]
+    rows += [np.append(zero, values(0.5, k)) for k in (0, 2)]
+    rows += [np.append(values(0, 0), zero)]
+    found = np.linalg.lstsq(np.array(rows), np.eye(len(rows))[-1], rcond=None)[0]
+    return [Polynomial(part) for part in np.split(found, 2)]
+
+
+def two_part(functions, X):
+    """(n,) f sin πy with the function of each side."""
+    left, right = (f(X[:, 0] - 0.5) for f in functions)
+    return np.where(X[:, 0] < 0.5, left, right) * np.sin(np.pi * X[:, 1])
+
 
 SOFT = fc.Fabric(**BENDING, bending_poisson_ratio=0.4)
 STIFF = fc.Fabric(1.0, 1e3, bending_rigidity=(12.0, 5.0), bending_poisson_ratio=-0.2)
@@ -70,3 +104,26 @@ def test_constant_moments_on_two_fabrics_are_a_solution(pattern, curvature):
     system = plate(cloth, {"soft": SOFT, "stiff": STIFF})
     w = deflection(system, np.zeros(len(X)), held, exact)
     assert abs(w - exact).max() < 1e-10 / n**2
+
+
+@pytest.mark.parametrize("pattern", ["right", "unstructured"])
+def test_two_fabrics_with_poisson_ratios_converge_with_order_2(pattern):
+    D, nu, errors = (1.0, 4.0), (0.4, -0.3), []
+    solution, pi2 = two_part_plate(D, nu), np.pi**2
+    loads = [
+        B * (f.deriv(4) - 2 * pi2 * f.deriv(2) + pi2**2 * f)
+        for B, f in zip(D, solution, strict=True)
+    ]
+    fabric = {
+        name: fc.Fabric(1.0, 1e3, bending_rigidity=B, bending_poisson_ratio=ratio)
+        for name, B, ratio in zip(("soft", "stiff"), D, nu, strict=True)
+    }
+    for n in (12, 24):
+        cloth = halves(pattern, n)
+        X = cloth.X
+        load = cloth.weighted_load(two_part(loads, X[cloth.triangles].mean(axis=1)))
+        held = ((X < 1e-9) | (X > 1 - 1e-9)).any(axis=1)
+        w, exact = deflection(plate(cloth, fabric), load, held), two_part(solution, X)
+        errors.append(abs(w - exact).max() / abs(exact).max())
+    assert errors[1] < 1e-2
+    assert 1.8 < np.log2(errors[0] / errors[1]) < 2.3

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from conftest import flat
 
 import fecloth as fc
+from fecloth.terms.bending.hinge import hinge_angles, hinge_stiffness
 
 PATTERNS = ["unstructured", "right", "cross", "equilateral"]
 FABRIC = fc.Fabric(0.15, (2000.0, 900.0), 0.2, 60.0, bending_rigidity=(4e-5, 1e-5))
@@ -47,3 +49,27 @@ def test_is_the_form_of_the_paper(sheet):
     np.testing.assert_allclose(Q, expected, atol=1e-12 * abs(Q).max())
     J = system.stiffness(system.rest()).toarray()
     np.testing.assert_allclose(J, np.kron(Q, np.eye(3)), atol=1e-12 * abs(Q).max())
+
+
+@pytest.mark.parametrize("fold", [0.01, 0.5, 2.0, np.pi])
+def test_energy_of_a_rigid_fold(fold):
+    X = np.array([[0.0, -0.1], [0.0, 0.2], [-0.3, 0.0], [0.4, 0.1]])
+    cloth = fc.Cloth.from_arrays(X, [[0, 1, 2], [1, 0, 3]], renumber=False)
+    x = flat(cloth)
+    x[3] = [0.4 * np.cos(fold), 0.1, 0.4 * np.sin(fold)]
+    system = system_of(cloth, fc.QuadraticBending())
+    k = hinge_stiffness(system.panel, "")[0]
+    energy = system.energies(system.state(x))["QuadraticBending"]
+    assert energy == pytest.approx(2 * k * np.sin(0.5 * fold) ** 2, rel=1e-11)
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_meets_hinge_bending_at_small_angles(pattern):
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.1, pattern=pattern)
+    x = flat(cloth)
+    x[:, 2] = 1e-4 * np.sin(5 * cloth.X[:, 0] + 3 * cloth.X[:, 1] ** 2)
+    hinge, quadratic = (system_of(cloth, t) for t in (fc.HingeBending(), fc.QuadraticBending()))
+    state = hinge.state(x)
+    assert abs(hinge_angles(cloth, x)).max() > 1e-4
+    expected = hinge.energies(state)["HingeBending"]
+    assert quadratic.energies(state)["QuadraticBending"] == pytest.approx(expected, rel=1e-5)

@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 from support.plates import flying, square
+from support.tiers import stories_except
 
 import fecloth as fc
+
+METHODS = [fc.BDF2(), fc.ImplicitMidpoint(), fc.EnergyMomentum()]
+
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -24,3 +28,20 @@ def test_neo_hookean_takes_no_step_to_strains_that_no_deformation_has(kind):
     assert not np.isfinite(system.energies(system.state(crushed))["NeoHookean"])
     end = fc.run(system, fc.BDF2(), start, dt=0.005, t_end=0.05).state
     assert system.energies(end)["NeoHookean"] > 0
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize("method", stories_except(METHODS, METHODS[0]))
+def test_methods_keep_their_order_in_time(method):
+    """A damped strip, clamped level, falls from rest to half its length below the clamp."""
+    cloth = fc.Cloth.rectangle(0.5, 0.25, 0.125, "right", "P2")
+    damping = [fc.StrainRateDamping(0.01), fc.BendingDamping(0.01, law=fc.PlateBending())]
+    terms = [fc.StVK(), fc.PlateBending(), *damping, fc.Gravity()]
+    system = fc.System(cloth, FABRIC, terms, [fc.Pin("left", clamp=True)])
+    newton = fc.Newton(tolerance=1e-10)
+    a, b, c = (
+        fc.run(system, method, system.rest(), dt=0.2 / n, t_end=0.2, newton=newton).state.x
+        for n in (40, 80, 160)
+    )
+    assert -c[:, 2].min() > 0.2
+    assert np.log2(np.linalg.norm(a - b) / np.linalg.norm(b - c)) == pytest.approx(2.0, abs=0.15)

@@ -71,3 +71,19 @@ def test_ribbon_twisted_by_a_whole_turn_is_a_helicoid(pattern):
     assert 1.6 < np.log2(linear[0] / linear[1]) < 2.15
     assert quadratic[0] < 0.004
     assert abs(quadratic[1]) < 4e-4
+
+
+@pytest.mark.stories
+def test_linear_triangles_converge_to_the_helicoid_with_order_2():
+    errors = [held_at_the_helicoid("right", "P1", n) for n in (8, 16)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_the_helicoid_of_a_narrow_ribbon_stores_its_twist_only():
+    """½ · 4 D₆₆ τ² per area, and 1/720 Y τ⁴ W⁵ of the stretch of its edges."""
+    exact, a, y = helicoid()
+    twist = (1 - NU) * B * TURN**2 * WIDTH
+    stretch = Y * TURN**4 * WIDTH**5 / 1440
+    assert exact == pytest.approx(twist + stretch, rel=0.01)
+    assert a == pytest.approx(1 - (TURN * WIDTH) ** 2 / 24, abs=4e-4)
+    assert y(WIDTH / 2) == pytest.approx(WIDTH / 2, rel=0.01)

@@ -2,11 +2,32 @@
 
 import numpy as np
 import pytest
-from conftest import rough
+from conftest import affine, flat, rough
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.springs.networks import edges
+
+
+def cable(cloth, stiffness, **options):
+    """All nodes on the diagonal in one stencil: the cable runs through them as through rings."""
+    diagonal = cloth.nodes(lambda X: abs(X[:, 0] - X[:, 1]) < 1e-9)
+    diagonal = diagonal[np.argsort(cloth.X[diagonal, 0])]
+
+    def longer(y):
+        return np.linalg.norm(np.diff(y, axis=1), axis=2).sum(axis=1) - np.sqrt(2.0)
+
+    def gradient(y):
+        d = np.diff(y, axis=1)
+        n = d / np.linalg.norm(d, axis=2, keepdims=True)
+        g = np.zeros_like(y)
+        g[:, 1:] += n
+        g[:, :-1] -= n
+        return g
+
+    given = {"gradient": gradient, "convex": True, "name": "cable"} | options
+    return diagonal, fc.Condition(longer, [diagonal], stiffness, **given)
+
 
 FABRIC = fc.Fabric(0.2, 1000.0)
 
@@ -176,3 +197,41 @@ def test_pure_damper(small, rng):
     power = bound.power(state.x, state.v, 0.0)
     assert power == pytest.approx(-np.vdot(system.force(state), state.v), rel=1e-12)
     assert "Condition" not in system.energies(state)
+
+
+@pytest.mark.stories
+def test_cable_across_a_hanging_cloth():
+    """Hung from one corner, a stiff cable along the diagonal keeps its length, a cloth does not.
+
+    The ledger books what the cable holds and what it dissipates, and closes.
+    """
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25, pattern="right")
+    diagonal, term = cable(cloth, 1e4, damping=20.0)
+    corner = fc.Pin([int(diagonal[-1])])
+    down = (-9.81 / 2**0.5, -9.81 / 2**0.5, 0.0)
+    lengths = []
+    for extra in ([], [term]):
+        terms = [fc.StVK(), fc.Gravity(down), *extra]
+        system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=[corner])
+        result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt=0.005, t_end=0.2)
+        sides = np.diff(result.state.x[diagonal], axis=0)
+        lengths.append(np.linalg.norm(sides, axis=1).sum() / 2**0.5)
+    assert lengths[0] > 1.05
+    assert abs(lengths[1] - 1) < 1e-3
+    energies = result.energies
+    assert energies["dissipated:cable"][-1] > 0.0
+    assert energies["cable"][-1] == pytest.approx(0.5e4 * 2 * (lengths[1] - 1) ** 2, rel=1e-9)
+    assert abs(energies["remainder"][-1]) < 1e-3 * energies["kinetic"].max()
+
+
+def test_energy_of_a_uniform_stretch(small):
+    """k/2 Σ C² with lengths of an affine state, on flat and moved cloths alike."""
+    nodes = edges(small).nodes
+    term = fc.Condition(lambda y: np.sum((y[:, 1] - y[:, 0]) ** 2, axis=1), nodes, 4.0)
+    system = fc.System(small, FABRIC, [term])
+    F = np.array([[1.1, 0.2], [0.0, 0.9], [0.3, 0.0]])
+    d = (small.X[nodes[:, 1]] - small.X[nodes[:, 0]]) @ F.T
+    expected = 2.0 * np.sum(np.sum(d * d, axis=1) ** 2)
+    x = affine(small, F, (0.1, 0.2, 0.3))
+    assert system.energies(system.state(x))["Condition"] == pytest.approx(expected, rel=1e-12)
+    assert flat(small).shape == x.shape

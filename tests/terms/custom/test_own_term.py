@@ -88,3 +88,18 @@ class Half(fc.BoundTerm):
 def test_system_names_the_missing_members_of_a_term(cloth, isotropic, term, said):
     with pytest.raises(fc.InputError, match=said):
         fc.System(cloth, isotropic, [term])
+
+
+@pytest.mark.stories
+def test_a_bed_bounces_at_its_frequency_and_keeps_its_energy(own, cloth, isotropic):
+    """√(k/ρ) for a cloth that moves as one piece; the ledger has a column for the term."""
+    k = 300.0
+    system = fc.System(cloth, isotropic, [fc.StVK(), own.Winkler(k)])
+    start = system.state(system.rest().x + [0, 0, 0.01])
+    period = 2 * np.pi * np.sqrt(0.2 / k)
+    for method in (fc.EnergyMomentum(), fc.CentralDifference()):
+        result = fc.run(system, method, start, period / 400, period)
+        assert result.state.x[:, 2] == pytest.approx(np.full(len(cloth.X), 0.01), rel=1e-3)
+        opening = 0.5 * k * cloth.area * 0.01**2
+        assert result.energies["Winkler"][0] == pytest.approx(opening, rel=1e-12)
+        assert np.ptp(result.energies["total"] + result.energies["numerical"]) < 1e-6 * opening

@@ -1,5 +1,7 @@
 """Strain-rate damping over a step: its stress, rigid motion, energy balance, methods."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from conftest import affine, flat, rough
@@ -11,6 +13,19 @@ from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.bdf2 import Change
 from fecloth.integrators.protocol import has_symmetric_matrix
 from fecloth.terms.kinematics import deformation_gradient
+from fecloth.verify import observed_order
+
+
+def smooth(cloth, t):
+    """Positions and velocities (n, 3) of a motion that turns and strains."""
+    x = flat(cloth)
+    c, s = np.cos(3 * t), np.sin(3 * t)
+    turn, rate = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), np.array([[-s, c, 0], [-c, -s, 0]])
+    rate = 3 * np.vstack([rate, [0, 0, 0]])
+    bulge = x + np.outer(np.sin(4 * t + 5 * cloth.X[:, 0]), [0.02, 0.01, 0.05])
+    speed = np.outer(4 * np.cos(4 * t + 5 * cloth.X[:, 0]), [0.02, 0.01, 0.05])
+    return bulge @ turn, speed @ turn + bulge @ rate
+
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -132,3 +147,54 @@ def test_the_matrix_is_symmetric_also_for_the_exact_tangent(small, isotropic):
     ):
         system = fc.System(small, isotropic, [fc.StVK(), damping[rate]])
         assert has_symmetric_matrix(system, method) is symmetric
+
+
+@pytest.mark.parametrize(
+    ("kind", "order"), [("backward Euler", 1), ("BDF2", 2), ("first of BDF2", 2)]
+)
+def test_both_forms_agree_as_dt_falls(kind, order, sheet, orthotropic):
+    system, errors = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02)]), []
+    x1, v1 = smooth(sheet, 0.3)
+    exact = system.force(system.state(x1, v1))
+    sizes = 0.01 / 2 ** np.arange(4)
+    for dt in sizes:
+        (x0, v0), older = smooth(sheet, 0.3 - dt), smooth(sheet, 0.3 - 1.5 * dt)[0]
+        state = system.state(x0, v0)
+        over = {
+            "backward Euler": lambda dt, at, old: fc.BackwardEuler().over_step(system, at, dt),
+            "BDF2": lambda dt, at, old: system.over_step(
+                fc.BDF2().difference(at, dt, Change(dt / 2, at.x - old, at.v))
+            ),
+            "first of BDF2": lambda dt, at, old: system.over_step(
+                fc.BDF2().difference(at, dt, None)
+            ),
+        }[kind](dt, state, older)
+        errors.append(np.linalg.norm(over.force(system.state(x1)) - exact))
+    assert errors[0] < 0.5 * np.linalg.norm(exact)
+    assert observed_order(sizes, errors)[-1] == pytest.approx(order, abs=0.15)
+
+
+def test_dissipation_of_backward_euler_is_twice_the_potential(isotropic):
+    system, start = moved(isotropic, "lumped", [fc.StVK(), fc.StrainRateDamping(0.01)])
+    for state, info in fc.march(system, fc.BackwardEuler(), start, 5e-3, 0.05):
+        damping = info.result.over.bound[1]
+        potential = damping.energy(state.x, state.t)
+        assert damping.dissipation(state.x) == pytest.approx(2 * potential, rel=1e-12)
+        assert potential > 0
+
+
+@pytest.mark.stories
+def test_order_two_with_steps_of_changing_size(small, isotropic):
+    """BDF2 with the ratios 2 and ½ of one step to the last, over a turn of a radian."""
+    terms = [fc.StVK(), fc.StrainRateDamping(1e-3), fc.Gravity()]
+    system = fc.System(small, isotropic, terms)
+    start = system.state(1.05 * flat(small), np.cross([0.0, 10.0, 20.0], flat(small)))
+
+    def end(number):
+        times = np.cumsum(np.tile([1.0, 2.0], number // 2)) * 0.05 / (1.5 * number)
+        (*stops, t_end), options = times, {"solver": "direct", "newton": TIGHT}
+        steps = fc.march(system, fc.BDF2(), start, 1.0, t_end, stops=stops, **options)
+        return [state.x for state, _ in steps][-1]
+
+    changes = [np.linalg.norm(a - b) for a, b in pairwise(end(n) for n in (80, 160, 320))]
+    assert observed_order([2, 1], changes)[-1] == pytest.approx(2, abs=0.15)

@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from support.tiers import stories_except
 
@@ -115,3 +115,21 @@ def test_the_airbag_is_taut_inside_and_wrinkled_at_the_rim():
     assert 0.2 * RADIUS < border < 0.9 * RADIUS
     assert (smaller[at < border - 0.05] > 1.0).all()
     assert (abs(smaller[at > border + 0.05]) < 1e-6 * Y).all()
+
+
+@pytest.mark.stories
+def test_the_reference_becomes_the_mylar_balloon():
+    """Inextensible as p → 0: rim a/∫dt/√(1 − t⁴), height ∫t²dt/√(1 − t⁴) times that (Paulsen 1994,
+    What is the shape of a Mylar balloon?, Amer. Math. Monthly 101, 953–958)."""
+    circle, height = (  # quad's weight is 1/√(1 − t), the rest of 1 − t⁴ is (1 + t)(1 + t²)
+        quad(
+            lambda t, k=k: t**k / np.sqrt((1 + t) * (1 + t * t)), 0, 1, weight="alg", wvar=(0, -0.5)
+        )
+        for k in (0, 2)
+    )
+    _, r, z = airbag(1.5)
+    assert r[-1] == pytest.approx(RADIUS / circle[0], rel=1e-3)
+    assert z[0] == pytest.approx(RADIUS * height[0] / circle[0], rel=1e-2)
+    _, nearer_r, nearer_z = airbag(0.5)
+    assert nearer_r[-1] == pytest.approx(RADIUS / circle[0], rel=3e-4)
+    assert nearer_z[0] == pytest.approx(RADIUS * height[0] / circle[0], rel=3e-3)

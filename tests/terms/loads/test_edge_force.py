@@ -146,3 +146,45 @@ def test_numbers_formulas_and_functions_of_time(load, sheet, isotropic, rng):
     }[next(iter(load))]
     fixed = fc.EdgeForce("right", **at, follow=load.get("follow", False))
     np.testing.assert_allclose(f, force_of(fixed, sheet, isotropic, x), rtol=1e-14)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_a_strip_pulled_at_its_edge_has_one_stress(pattern, element):
+    """ν = 0, 50 N/m on the right edge: λ S = 50 with S = Y (λ² − 1)/2, everywhere."""
+    cloth = fc.Cloth.rectangle(1.0, 0.25, 0.125, pattern, element)
+    fabric = fc.Fabric(0.2, 500.0, 0.0)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.EdgeForce("right", (50.0, 0, 0))], ["left"])
+    found = fc.equilibrium(system, system.rest(), tolerance=1e-13)
+    stretch = max(np.roots([250.0, 0.0, -250.0, -50.0]).real)
+    expected = cloth.X * [stretch, 1.0]
+    assert abs(found.x[:, :2] - expected).max() < 1e-12
+    assert abs(found.x[:, 2]).max() < 1e-12
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_a_stretched_edge_carries_more_where_it_follows(element, isotropic):
+    cloth = fc.Cloth.rectangle(1.0, 0.6, 0.2, element=element)
+    x = flat(cloth) * [1.0, 1.5, 1.0]
+    f = force_of(fc.EdgeForce("right", (2.0, 0, 0), follow=True), cloth, isotropic, x)
+    np.testing.assert_allclose(f.sum(axis=0), [2.0 * 0.9, 0, 0], atol=1e-13)
+
+
+def test_a_disk_that_is_pulled_outward_stays_round():
+    """A uniform stretch λ with λ S = λ p, as the edge is λ times as long: S = Y E/(1 − ν)."""
+    cloth = fc.Cloth.disk(0.5, 0.2)
+    middle = int(np.argmin(np.linalg.norm(cloth.X, axis=1)))
+    arms = cloth.X - cloth.X[middle]
+    beside = int(np.argsort(np.linalg.norm(arms, axis=1))[1])
+    others = np.setdiff1d(np.arange(len(arms)), [middle, beside])
+    pins = [
+        fc.Pin([middle]),
+        fc.Slide([beside], direction=(*arms[beside], 0.0)),
+        fc.Slide(others, normal=(0, 0, 1)),
+    ]
+    load = fc.EdgeForce("boundary", normal=100.0, follow=True)
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK(), load], pins)
+    found = fc.equilibrium(system, system.rest(), tolerance=1e-11)
+    stretch = np.sqrt(1 + 2 * 0.7 * 100.0 / 1000.0)
+    moved = found.x[:, :2] - found.x[middle, :2]
+    np.testing.assert_allclose(moved, stretch * arms, atol=1e-9)

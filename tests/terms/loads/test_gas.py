@@ -5,12 +5,23 @@ import math
 import numpy as np
 import pytest
 from conftest import flat, rough
-from support.inflated import RADIUS, enclosed
+from support.inflated import NU, RADIUS, STIFFNESS, enclosed, shooting
 
 import fecloth as fc
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
+
+
+def inflated(gas, elements, dt=1e5):
+    """One step of a day from a dome, which gives the static solution."""
+    cloth = fc.Cloth.disk(RADIUS, RADIUS / elements)
+    fabric = fc.Fabric(0.2, STIFFNESS, NU)
+    system = fc.System(cloth, fabric, [fc.StVK(), gas], pins=["boundary"])
+    start, newton = system.state(dome(cloth, 0.15)), fc.Newton(tolerance=1e-9, reuse=False)
+    method = fc.BackwardEuler()
+    return system, fc.run(system, method, start, dt, dt, solver="direct", newton=newton)
+
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -85,3 +96,33 @@ time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }"""
     with pytest.raises(fc.SceneError, match=r"terms: Gas: has no finite force at the start.*dome"):
         load_scene(path).build()
     load_scene(path, ["start={position=['X', 'Y', '0.1*(0.25-X**2-Y**2)']}"]).build()
+
+
+@pytest.mark.stories
+def test_a_gas_inflates_the_membrane_to_the_exact_equilibrium():
+    """At the volume of the reference solution the gas has the pressure of that solution."""
+    height, V = shooting(500.0)
+    gas = fc.Gas(2 * (500.0 + 800.0), V / 2, ambient=800.0)
+    system, run = inflated(gas, 20)
+    assert system.bound[1].volume(run.state.x) == pytest.approx(V, rel=3e-3)
+    centre = run.state.x[np.argmin(np.linalg.norm(system.cloth.X, axis=1)), 2]
+    assert centre == pytest.approx(height, rel=5e-3)
+    assert run.newton < 15  # quadratic: without the dense part it takes far longer, or fails
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.LinearlyImplicitEuler()])
+def test_gas_oscillation_conserves_energy(method):
+    """With the exact tangent the linearised step keeps pace with backward Euler's losses."""
+    _, V = shooting(500.0)
+    cloth = fc.Cloth.disk(RADIUS, h=0.1)
+    gas = fc.Gas(900.0, V, ambient=500.0, exponent=1.4)
+    fabric = fc.Fabric(0.2, STIFFNESS, NU)
+    system = fc.System(cloth, fabric, [fc.StVK(), gas], pins=["boundary"])
+    left = []
+    for dt in (1e-3, 5e-4):
+        run = fc.run(system, method, system.state(dome(cloth, 0.15)), dt, 0.05, solver="direct")
+        left.append(abs(run.energies["remainder"]).max())
+    scale = run.energies["kinetic"].max()
+    assert left[1] < 0.05 * scale
+    assert left[1] < left[0] / 1.6

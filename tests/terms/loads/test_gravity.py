@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from conftest import flat
+from support.tiers import MASSES, in_turn
 
 import fecloth as fc
+from fecloth.integrators import METHODS
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -24,3 +27,28 @@ def test_force_of_each_node_is_its_share_of_the_weight(system, sheet):
     third = np.bincount(sheet.triangles.ravel(), np.repeat(area / 3, 3))
     expected = DENSITY * np.outer(third, ACCELERATION)
     np.testing.assert_allclose(system.force(system.rest()), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("pattern", ["unstructured", "right", "cross", "equilateral"])
+def test_total_weight_and_its_point_of_attack(pattern, isotropic):
+    """The resultant is ρ A g and acts at the centre of the sheet, on any mesh."""
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.17, pattern=pattern)
+    system = fc.System(cloth, isotropic, [fc.Gravity(ACCELERATION)])
+    force, weight = system.force(system.rest()), DENSITY * AREA * np.array(ACCELERATION)
+    np.testing.assert_allclose(force.sum(axis=0), weight, rtol=1e-13)
+    moment = np.cross(flat(cloth), force).sum(axis=0)
+    np.testing.assert_allclose(moment, np.cross([0.5, 0.3, 0.0], weight), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("method", "mass"), in_turn([*METHODS.values()], MASSES))
+def test_free_fall_of_every_node(method, mass, sheet, isotropic):
+    """v = g t exactly; x = ½ g t² at second order, ½ g t (t + dt) by the Euler methods."""
+    terms = [fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity(ACCELERATION)]
+    system = fc.System(sheet, isotropic, terms, mass=mass)
+    dt, t, g = 0.01, 0.05, np.array(ACCELERATION)
+    end = fc.run(
+        system, method(), system.rest(), dt, t, solver="direct", newton=fc.Newton(tolerance=1e-12)
+    ).state
+    way = 0.5 * t * (t if method().traits.order == 2 else t + dt) * g
+    np.testing.assert_allclose(end.v, np.tile(t * g, (len(end.v), 1)), atol=1e-10)
+    np.testing.assert_allclose(end.x - flat(sheet), np.tile(way, (len(end.x), 1)), atol=1e-12)

@@ -6,11 +6,44 @@ import numpy as np
 import pytest
 import skfem
 from conftest import flat, rough
+from scipy.integrate import quad
+from scipy.optimize import brentq
 from support import oracle
 from support.inflated import NU, RADIUS, STIFFNESS, enclosed, shooting
 
 import fecloth as fc
 from fecloth.verify import observed_order, trial_states
+
+
+def hencky(p):
+    """Centre deflection and enclosed volume by Hencky's series (small slopes).
+
+    Hencky (1915), Z. Math. Phys. 63, 311–317. With N = ∛(Y p² a²)/4 · n(ρ) the balance and the
+    compatibility give n² (3 n′ + ρ n″) = −8 ρ, solved by n = Σ c_k ρ^2k; the rim's u = 0 is
+    (1 − ν) n + n′ = 0 at ρ = 1, which fixes c₀; and w′ = −p r/(2 N).
+    """
+
+    def series(c0, terms=40):
+        c = [c0]  # Σ over k of (n²)_{m−k} · 2(k+1)(2k+4) c_{k+1} is −8 for m = 0, else 0
+        for m in range(terms):
+            known = 0.0
+            for k in range(m):
+                square = sum(c[i] * c[m - k - i] for i in range(m - k + 1))
+                known += square * 4 * (k + 1) * (k + 2) * c[k + 1]
+            c.append(((-8.0 if m == 0 else 0.0) - known) / (c0**2 * 4 * (m + 1) * (m + 2)))
+        return np.polynomial.Polynomial(np.array(c))  # in ρ²
+
+    def rim(c0):
+        n = series(c0)
+        return (1 - NU) * n(1.0) + 2 * n.deriv()(1.0)
+
+    n = series(c0 := brentq(rim, 1.5, 2.5, xtol=1e-14))
+    assert c0 == pytest.approx(1.7244, abs=1e-4)  # the value known for ν = 0.3
+    slope = 2 * p * RADIUS / np.cbrt(STIFFNESS * p**2 * RADIUS**2)
+    height = RADIUS * slope * quad(lambda s: s / n(s * s), 0, 1)[0]
+    volume = np.pi * RADIUS**3 * slope * quad(lambda s: s**3 / n(s * s), 0, 1)[0]
+    return height, volume
+
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -112,3 +145,46 @@ def test_on_quadratic_triangles_it_is_the_form(quadratic, isotropic):
     pinned = fc.System(cloth, isotropic, [term], pins=["boundary"])
     K = pinned.stiffness(pinned.state(x)).toarray()[np.ix_(pinned.free, pinned.free)]
     assert np.abs(K - K.T).max() < 1e-12 * np.abs(K).max()  # conservative where the edge is held
+
+
+def test_work_of_a_constant_pressure_is_p_times_the_volume(isotropic):
+    """On a pinned rim the work is p ΔV; the midpoint sum has an error of third order."""
+    cloth = fc.Cloth.disk(RADIUS, h=0.15)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Pressure(50.0)], pins=["boundary"])
+    newton = fc.Newton(tolerance=1e-11)
+    missing = []
+    for dt in (1e-3, 5e-4):
+        result = fc.run(
+            system, fc.ImplicitMidpoint(), system.rest(), dt, 0.04, solver="direct", newton=newton
+        )
+        work = result.energies["work:Pressure"][-1]
+        expected = 50.0 * enclosed(cloth, result.state.x)
+        assert work == pytest.approx(expected, rel=1e-3)
+        missing.append(abs(work - expected))
+        assert abs(result.energies["remainder"]).max() < 0.02 * work
+    assert missing[1] < missing[0] / 3
+
+
+@pytest.mark.stories
+def test_reference_agrees_with_hencky_at_small_slopes():
+    """Two independent solutions differ by the square of the slope, that is by p^(2/3)."""
+    gaps = []
+    for p in (2.0, 0.25, 0.25 / 8):
+        exact, series = shooting(p), hencky(p)
+        gaps.append([abs(a - b) / b for a, b in zip(exact, series, strict=True)])
+    assert np.max(gaps) < 4e-3
+    np.testing.assert_allclose(np.divide(gaps[1:], gaps[:-1]), 0.25, rtol=0.02)
+
+
+def test_membrane_at_small_slopes_agrees_with_hencky():
+    height, volume = hencky(0.25)
+    assert 0.02 < height / RADIUS < 0.05
+    centre, enclosed_, _ = inflated(0.25, 20)
+    assert centre == pytest.approx(height, rel=5e-3)
+    assert enclosed_ == pytest.approx(volume, rel=3e-3)
+
+
+def test_both_tangents_converge_to_the_same_membrane_equally_fast():
+    one, other = inflated(500.0, 10), inflated(500.0, 10, "exact")
+    assert one[:2] == pytest.approx(other[:2], rel=1e-8)
+    assert one[2] == other[2]

@@ -6,6 +6,9 @@ from scipy.optimize import brentq
 
 import fecloth as fc
 
+LAWS = ("linear", "quadratic")
+
+
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 
@@ -38,3 +41,22 @@ def test_hanging_sheet_in_the_wind_has_the_angle_of_the_formula(orthotropic):
     assert result.energies["kinetic"][-1] < 1e-10
     # the strain ρ g L/Y = 5e-5 turns the force on the area by as much
     np.testing.assert_allclose(np.arctan2(bottom[:, 1], -bottom[:, 2]), theta, atol=1e-4)
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize("law", LAWS)
+def test_free_cloth_reaches_the_velocity_of_the_wind(law, sheet, isotropic):
+    """|v − u| = |u| e^(−k t/ρ), or |u| / (1 + k |u| t/ρ), for wind normal to the cloth."""
+    k, speed, t = 0.7, 4.0, 1.0
+    system = fc.System(sheet, isotropic, [fc.StVK(), fc.Wind((0.0, 0.0, speed), k, law=law)])
+    left = speed * (np.exp(-k * t / RHO) if law == "linear" else 1 / (1 + k * speed * t / RHO))
+    newton = fc.Newton(tolerance=1e-10)
+    result = fc.run(
+        system, fc.ImplicitMidpoint(), system.rest(), 0.005, t, solver="direct", newton=newton
+    )
+    np.testing.assert_allclose(speed - result.state.v[:, 2], left, rtol=2e-3)
+    kinetic = 0.5 * RHO * 0.6 * (speed - left) ** 2
+    assert result.energies["kinetic"][-1] == pytest.approx(kinetic, rel=1e-3)
+    work, lost = (result.energies[f"{name}:Wind"][-1] for name in ("work", "dissipated"))
+    assert work == pytest.approx(speed * RHO * 0.6 * (speed - left), rel=1e-3)  # u · momentum
+    assert work - lost == pytest.approx(kinetic, rel=1e-3)

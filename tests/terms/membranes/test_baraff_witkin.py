@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import affine, rough
+from conftest import affine, flat, rough
 from support.tiers import in_turn
 
 import fecloth as fc
@@ -130,3 +130,24 @@ def test_moduli_serve_strain_rate_damping(sheet, orthotropic):
     np.testing.assert_allclose(fc.BaraffWitkin().moduli(plain), fc.StVK().moduli(plain))
     term = fc.StrainRateDamping(0.01, law=fc.BaraffWitkin())
     assert fc.System(sheet, orthotropic, [term]).bound[0].viscosity[0, 3] == 0.0
+
+
+def test_published_tangent_keeps_the_part_with_the_second_derivative(sheet, orthotropic, moving):
+    """Without velocity the damping has no ∂d/∂x; with it, the published one is not zero."""
+    damped = fc.System(sheet, orthotropic, [fc.BaraffWitkin(damping=0.02)])
+    plain = fc.System(sheet, orthotropic, [fc.BaraffWitkin()])
+    x, v = moving
+    still = damped.stiffness(damped.state(x)) - plain.stiffness(plain.state(x))
+    assert abs(still).max() < 1e-12 * abs(plain.stiffness(plain.state(x))).max()
+    run = damped.stiffness(damped.state(x, v)) - plain.stiffness(plain.state(x))
+    assert abs(run).max() > 1.0
+
+
+def test_agrees_at_rest_with_stvk_without_poisson(sheet):
+    fabric = fc.Fabric(0.2, (2000.0, 900.0), 0.0, 60.0)
+    one, other = (fc.System(sheet, fabric, [term]) for term in (fc.BaraffWitkin(), fc.StVK()))
+    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
+    state = one.state(flat(sheet) @ turn)
+    K = other.stiffness(state)
+    assert abs(one.stiffness(state) - K).max() < 1e-11 * abs(K).max()
+    np.testing.assert_allclose(fc.BaraffWitkin().moduli(fabric), fc.StVK().moduli(fabric))

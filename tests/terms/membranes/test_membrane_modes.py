@@ -91,3 +91,27 @@ def test_frequencies_and_their_order(shape, pattern, mass, record_property):
     assert order[-1] == pytest.approx(2, abs=0.15)
     if (shape, mass) == ("rectangle", "consistent"):  # Rayleigh's quotient on a subspace
         assert min(errors[-1]) > 0
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.CentralDifference()], ids=repr)
+@pytest.mark.parametrize("shape", ["rectangle", "disk"])
+def test_frequency_of_a_run(shape, method):
+    """The first mode, 0.1 mm high, let go from rest: two periods between its zero crossings."""
+    system, state, _ = stretched(shape, 1.0 / 40, "unstructured")
+    found, u = modes(system, state)
+    start = system.state(state.x + 1e-4 * u[0] / abs(u[0]).max())
+    explicit = method.traits.explicit
+    dt = 0.9 * fc.critical_dt(system, state, method) if explicit else 1 / (60 * found[0])
+    weight = system.nodal_mass * u[0, :, 2]
+    t, height = [0.0], [weight @ start.x[:, 2]]
+    for now, info in fc.march(system, method, start, dt, 2.4 / found[0]):
+        t.append(info.t)
+        height.append(weight @ now.x[:, 2])
+    t, height = np.array(t), np.array(height)
+    i = np.flatnonzero(height[:-1] * height[1:] < 0)
+    crossings = t[i] - height[i] * (t[i + 1] - t[i]) / (height[i + 1] - height[i])
+    frequency = 2 / (crossings[4] - crossings[0])
+    print(f"{shape} {method!r}: {frequency:.4f} Hz, exact {exact(shape)[0]:.4f}, dt {dt:.2e}")
+    assert frequency == pytest.approx(exact(shape)[0], rel=0.01)
+    assert frequency == pytest.approx(found[0], rel=2e-3)

@@ -14,6 +14,9 @@ from fecloth.errors import FeclothWarning, InputError
 from fecloth.terms.membranes.curves import LEAST_END_SLOPE, Curve
 from fecloth.terms.membranes.table import law
 
+KNOTS = 'terms.0.warp={ stretch = [1.05, 1.1, 1.15], "stiffness" = [20.0, 60.0, 300.0] }'
+
+
 FABRIC = fc.Fabric(0.2, (1000.0, 400.0), 0.3, 60.0)
 J = np.array([(1.05, 2.0), (1.1, 5.0), (1.2, 20.0), (1.25, 45.0), (1.3, 120.0)])
 SOFTER = np.array([(1.05, 8.0), (1.12, 16.0), (1.3, 33.0)])
@@ -295,3 +298,35 @@ def test_the_force_at_a_point_follows_its_row_alone(scene_file):
     answer = fc.sensitivity(scene_file, names, "reaction.grip.x")
     assert answer.value == pytest.approx(12.0 * 0.05)
     np.testing.assert_allclose(answer.derivative, [0.0, 0.05], atol=1e-6)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_strip_bears_the_measured_force_at_every_point(element):
+    """Drawn along warp or weft with ν = 0, to 1e-8 of the largest force."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, element=element)
+    table = fc.MembraneTable(J, SOFTER, poisson=0.0)
+    for rows, axis, side in ((J, 0, "right"), (SOFTER, 1, "top")):
+        system = fc.System(cloth, FABRIC, [table])
+        for stretch, force in rows:
+            x = system.rest().x
+            x[:, axis] *= stretch
+            pull = -system.force(system.state(x))[cloth.nodes(side), axis].sum()
+            assert pull == pytest.approx(force, abs=1e-8 * rows[-1, 1])
+
+
+@pytest.mark.stories
+def test_fit_chooses_a_rising_curve(scene_file):
+    """Stiffnesses of a twin, from other ones, through the forces at nine stretches."""
+    twin = fc.MembraneTable({"stretch": [1.05, 1.1, 1.15], "stiffness": [20.0, 60.0, 300.0]})
+    s = np.linspace(1.015, 1.149, 9)
+    E = (s**2 - 1) / 2
+    data = {
+        "drawn [m]": 0.2 * (s - 1),
+        "force [N]": 0.05 * s * stress(np.array(twin.warp)[1:], E)[0],
+    }
+    scene = fc.load_scene(scene_file, [KNOTS, "equilibrium.load_steps=8"])
+    how = {"along": {"drawn": "grip.x"}, "quantity": {"force": "reaction.grip.x"}, "sigma": "1 %"}
+    start = {f"terms.0.warp.stiffness.{i}": k for i, k in enumerate((40.0, 40.0, 150.0))}
+    answer = fc.fit([fc.Experiment(scene, data, **how)], start, refined=False)
+    assert list(answer.values.values()) == pytest.approx([20.0, 60.0, 300.0], rel=2e-2)
+    assert len(answer.identified) == 3

@@ -81,3 +81,34 @@ def test_compressible_is_convex_up_to_its_limit_and_made_so_beyond(rng):
             expected = vector @ np.diag(np.maximum(value, 0)) @ vector.T
             scale = abs(value).max()
             np.testing.assert_allclose(V @ matrix(made) @ V.T, expected, atol=1e-10 * scale)
+
+
+@names
+def test_uniaxial_tension_has_the_tensile_stiffness(law):
+    """The lateral stretch that frees the sides: force per width and strain go to Y = 900 N/m."""
+    from scipy.optimize import brentq
+
+    def sides(w, e):
+        return stress_of(law, np.diag([(1 + e) ** 2, w**2]), *constants(law))[0][1, 1]
+
+    for e in (1e-4, 1e-5):
+        w = brentq(sides, 0.9, 1.1, args=(e,), xtol=1e-15)
+        S, _ = stress_of(law, np.diag([(1 + e) ** 2, w**2]), *constants(law))
+        assert (1 + e) * S[0, 0] / e == pytest.approx(900.0, rel=3 * e)
+        if law.kind == "incompressible":  # Treloar: μ (λ − 1/λ²), and the width is λ^(−1/2)
+            assert (1 + e) * S[0, 0] == pytest.approx(300 * (1 + e - (1 + e) ** -2), rel=1e-8)
+            assert w == pytest.approx((1 + e) ** -0.5, rel=1e-12)
+
+
+@names
+def test_resists_collapse_where_stvk_gives_way(law, sheet):
+    """Compressed along the warp: the force of StVK falls to nothing, this one grows like 1/s."""
+
+    def pushes(term, s):
+        system = fc.System(sheet, RUBBER, [term])
+        out = np.zeros((len(sheet.triangles), 4))
+        system.bound[0].add_stress(affine(sheet, [[s, 0], [0, 1], [0, 0]]), out)
+        return -s * out[0, 0]  # first Piola–Kirchhoff
+
+    assert pushes(fc.StVK(), 0.01) < 0.1 * pushes(fc.StVK(), 0.5)
+    assert pushes(law, 1e-2) > 5 * pushes(law, 1e-1) > 5 * pushes(law, 0.5)

@@ -8,6 +8,7 @@ from support import oracle
 from support.tiers import stories_except
 
 import fecloth as fc
+from fecloth.terms.kinematics import principal_stretches
 from fecloth.verify import observed_order, trial_states
 
 FABRIC = fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0)
@@ -119,3 +120,47 @@ def test_orders_in_space(element, l2, h1, per):
     errors = np.array([static_errors(element, k, per) for k in n])
     orders = [observed_order(1 / np.array(n), e)[-1] for e in errors.T]
     assert orders == pytest.approx([l2, h1], abs=0.15)
+
+
+def test_an_affine_motion_is_exact(cloth):
+    """F, area and energy in closed form, and no force on a node that is not on the border."""
+    F = np.array([[1.1, 0.2], [-0.1, 0.9], [0.3, 0.1]])
+    x = cloth.X @ F.T
+    system = system_on(cloth)
+    E = (F.T @ F - np.eye(2)) / 2
+    C11, C22, C66, C12, _, _ = FABRIC.moduli()
+    W = (C11 * E[0, 0] ** 2 + C22 * E[1, 1] ** 2) / 2 + C12 * E[0, 0] * E[1, 1]
+    W += 2 * C66 * E[0, 1] ** 2
+    state = system.state(x)
+    assert system.energies(state)["StVK"] == pytest.approx(0.06 * W, rel=1e-12)
+    f = system.force(state)
+    inside = np.setdiff1d(np.arange(len(cloth.X)), cloth.nodes("boundary"))
+    assert np.abs(f[inside]).max() < 1e-12 * np.abs(f).max()
+    stretches = np.sqrt(np.linalg.eigvalsh(F.T @ F))
+    computed = principal_stretches(cloth, x)
+    np.testing.assert_allclose(computed, np.tile(stretches, (len(computed), 1)), rtol=1e-12)
+
+
+def test_the_patch_test():
+    """If the border has an affine displacement, equilibrium is affine at all inner nodes."""
+    cloth = fc.Cloth.rectangle(1.0, 0.7, h=0.25, element="P2")
+    F = np.array([[1.2, 0.1], [0.05, 1.1], [0.2, 0.0]])
+    x = cloth.X @ F.T
+    noise = 0.02 * np.random.default_rng(3).standard_normal(x.shape)
+    noise[cloth.nodes("boundary")] = 0
+    system = system_on(cloth, pins=["boundary"])
+    end = fc.equilibrium(system, system.state(x + noise))
+    assert np.abs(end.x - x).max() < 1e-8
+
+
+@pytest.mark.stories
+def test_both_strains_have_the_orders_of_quadratic_triangles():
+    errors = {
+        strain: np.array([static_errors("P2", n, "node", strain) for n in (8, 16, 32)])
+        for strain in ("interpolated", "pointwise")
+    }
+    for found in errors.values():
+        orders = [observed_order(1 / np.array([8, 16, 32]), e)[-1] for e in found.T]
+        assert orders == pytest.approx([3, 2], abs=0.15)
+    np.testing.assert_allclose(errors["interpolated"], errors["pointwise"], rtol=0.05)
+    assert (errors["interpolated"] != errors["pointwise"]).all()

@@ -8,6 +8,13 @@ from scipy.optimize import minimize
 import fecloth as fc
 from fecloth.terms.membranes.tension_field import law
 
+
+def uniform(cloth, stretches, noise, rng):
+    x = affine(cloth, np.vstack([np.diag(stretches), [0.0, 0.0]]))
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    return (x + noise * rng.standard_normal(x.shape)) @ turn
+
+
 Y, NU = 1000.0, 0.3
 C = np.array([Y, NU])
 STATES = {
@@ -130,3 +137,29 @@ def test_laws_that_agree_to_second_order_at_rest(name):
         compliance = np.linalg.inv(rows)
         assert 1 / compliance[0, 0] == pytest.approx(Y, rel=1e-5)  # uniaxial
         assert rows[0, 0] + rows[0, 1] == pytest.approx(Y / (1 - nu), rel=1e-5)  # biaxial
+
+
+def test_energy_is_C1_across_the_boundaries(rng):
+    """Along lines through a boundary, W is continuous and S has no jump; ℂ has one."""
+    for E1, E2 in ((0.3, -NU * 0.3), (0.05, -NU * 0.05), (0.0, -0.2), (0.0, -0.01)):
+        E = np.array(turned(E1, E2, rng.uniform(0, np.pi)))
+        direction = rng.standard_normal(3)
+        ends = [law(tuple(E + s * direction), C) for s in (-1e-9, 1e-9)]
+        assert abs(ends[0][0] - ends[1][0]) < 1e-5  # of a slope of a few hundred: 1e-6
+        assert np.abs(np.subtract(ends[0][1], ends[1][1])).max() < 1e-5
+        assert np.abs(np.subtract(ends[0][2], ends[1][2])).max() > 10.0  # so the line did cross
+        # and the slope of W on either side is S, seen from far enough to be above round-off
+        engineering = direction * [1, 1, 2]
+        for side in (-1, 1):
+            h = side * 1e-5
+            slope = (law(tuple(E + h * direction), C)[0] - law(tuple(E), C)[0]) / h
+            assert slope == pytest.approx(law(tuple(E), C)[1] @ engineering, abs=0.1)
+
+
+def test_taut_is_stvk_bit_for_bit_in_force(sheet, isotropic, rng):
+    x = uniform(sheet, [1.5, 1.4], 0.005, rng)
+    relaxed, plain = (fc.System(sheet, isotropic, [t]) for t in (fc.TensionField(), fc.StVK()))
+    force = plain.force(plain.state(x))
+    np.testing.assert_allclose(relaxed.force(relaxed.state(x)), force, atol=1e-12 * Y)
+    difference = relaxed.stiffness(relaxed.state(x)) - plain.stiffness(plain.state(x))
+    assert abs(difference).max() < 1e-11 * Y

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import rough
+from conftest import flat, rough
 from support.tiers import in_turn
 
 import fecloth as fc
@@ -157,3 +157,27 @@ def test_moduli_count_the_relaxation_inside_a_period(monkeypatch):
     series = 2 * k1 * k2 / (k1 + k2)
     # two springs of 60° for each node: C22 = 2 k l² s⁴ / A with A = √3/2 l²
     assert C[1, 1] == pytest.approx(2 * series * 0.75**2 / 0.75**0.5, rel=1e-10)
+
+
+def test_damping_along_the_axis():
+    """Two nodes that part at 3 m/s and pass each other at 4 m/s: only the first is resisted."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=1.0, pattern="right")
+    system = fc.System(cloth, SQUARE, [fc.Springs("van_gelder", damping=0.1)])
+    v = np.zeros((4, 3))
+    right = cloth.nodes("right")
+    v[right] = [3.0, 0.0, 4.0]
+    state = system.state(flat(cloth), v)
+    k_side, k_diagonal = 500.0, 1000.0 / 2  # Y A / l², one triangle; two at the diagonal
+    diagonal = 0.5 * 0.1 * k_diagonal * 3.0  # n·v = 3/√2, its X component 3/2
+    force = system.force(state)
+    assert -force[right, 0].sum() == pytest.approx(2 * 0.1 * k_side * 3.0 + diagonal, rel=1e-12)
+    assert abs(force[:, 2]).max() == 0.0
+    power = system.bound[0].power(state.x, state.v, 0.0)
+    assert power == pytest.approx(-np.vdot(force, v), rel=1e-12)
+
+
+def test_moduli_of_the_right_diagonal_grid():
+    """Van Gelder's k: Y on the sides, Y/2 on the one diagonal: not isotropic, not orthotropic."""
+    C = fc.plane_moduli(fc.Springs("van_gelder"), SQUARE, "right")
+    expected = 1000.0 * np.array([[1.25, 0.25, 0.25], [0.25, 1.25, 0.25], [0.25, 0.25, 0.25]])
+    np.testing.assert_allclose(C, expected, atol=1e-10 * 1000)

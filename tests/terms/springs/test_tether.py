@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import rough
+from conftest import flat, rough
 
 import fecloth as fc
 
@@ -49,3 +49,41 @@ def test_the_ledger_has_the_work_of_a_hand_that_jumps(method, dt, cloth):
     jump = 0.5 * 20.0 * 0.05**2
     assert energies["work:Tether"][-1] == pytest.approx(jump, rel=0.1)
     assert np.abs(energies["remainder"]).max() < 0.05 * jump
+
+
+@pytest.mark.stories
+def test_a_single_mass_follows_a_hand_that_swings():
+    """One free node of mass m: m ẍ + k_d (ẋ − ṗ) + k (x − p) = 0 with p = A sin ωt, closed form."""
+    cloth = fc.Cloth.from_arrays([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], renumber=False)
+    m = 0.2 * 0.5 / 3
+    k, d, A, w = 5.0, 0.1, 0.3, 7.0
+    tether = fc.Tether([0], lambda t: np.array([0.0, 0.0, A * np.sin(w * t)]), k, d)
+    system = fc.System(cloth, FABRIC, [tether], pins=[fc.Pin([1, 2])])
+    result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt=5e-4, t_end=1.0)
+    # complex amplitude of the forced motion, and the free one that meets x = ẋ = 0
+    Z = A * (k + 1j * w * d) / (k - m * w**2 + 1j * w * d)
+    decay = d / (2 * m)
+    free = np.sqrt(k / m - decay**2)
+    x0, v0 = -Z.imag, -(1j * w * Z).imag  # x = Im(Z e^{iωt}) + e^{−δt}(a cos + b sin)
+    b = (v0 + decay * x0) / free
+    t = 1.0
+    motion = (Z * np.exp(1j * w * t)).imag
+    motion += np.exp(-decay * t) * (x0 * np.cos(free * t) + b * np.sin(free * t))
+    assert result.state.x[0, 2] == pytest.approx(motion, abs=1e-5)
+    assert abs(motion) > 0.05
+
+
+@pytest.mark.stories
+def test_ledger_closes_with_the_work_of_the_hand(cloth):
+    """Second order in dt: the remainder of the midpoint rule, by the hand's work."""
+    hand = fc.Tether("right", ("1 + 0.1 * sin(5 * t)", "0.5", "0.3 * t"), 20.0, 0.4)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), hand], pins=["left"])
+    share = []
+    for dt in (0.004, 0.002):
+        start = system.state(flat(cloth))
+        result = fc.run(system, fc.ImplicitMidpoint(), start, dt=dt, t_end=0.2)
+        work = result.energies["work:Tether"][-1]
+        assert abs(work) > 0.01
+        share.append(abs(result.energies["remainder"][-1] / work))
+    assert share[1] < 0.3 * share[0] + 1e-12
+    assert share[1] < 0.02
