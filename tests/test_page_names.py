@@ -51,7 +51,7 @@ def classes():
     return set(re.findall(r"^class (\w+)", texts, re.MULTILINE))
 
 
-def found(dotted):
+def object_of(dotted):
     """The object of fecloth of that name, None for a class elsewhere; KeyError if there is none."""
     first, *rest = dotted.split(".")
     if dotted in classes() and not hasattr(fc, dotted):
@@ -87,7 +87,7 @@ def calls_in(span):
 @pytest.mark.parametrize("span", sorted({span for span in SPANS if calls_in(span)}))
 def test_calls_have_these_arguments(span):
     for name, call in calls_in(span):
-        if callable(target := found(name)):
+        if callable(target := object_of(name)):
             given = [a for a in call.args if not isinstance(a, ast.Constant | ast.Starred)]
             keywords = {k.arg: None for k in call.keywords}
             inspect.signature(target).bind_partial(*given, **keywords)
@@ -99,7 +99,7 @@ def test_names_of_the_package_exist():
         dotted = re.fullmatch(r"\w+(\.\w+)+", span) and not FILE.search(span)
         of_ours = first in ROOTS or inspect.ismodule(getattr(fc, first, None))
         if (dotted and of_ours) or re.fullmatch(r"[A-Z]+[a-z]\w*|[A-Z]{2,}\d", span):
-            found(span)
+            object_of(span)
 
 
 def last_key(table):
@@ -112,9 +112,9 @@ def schema_keys():
     """Every key that some table of a scene may have."""
     classes, keys = [table_model.Table], {"preset", "kes", "fast"}
     while classes:
-        one = classes.pop()
-        classes += one.__subclasses__()
-        keys |= set(one.model_fields)
+        table = classes.pop()
+        classes += table.__subclasses__()
+        keys |= set(table.model_fields)
     return keys
 
 
@@ -165,16 +165,6 @@ def test_the_page_of_studies_names_each_of_them():
     text = read("studies/README.md")
     for path in (ROOT / "studies").glob("*/__main__.py"):
         assert f"`python -m studies.{path.parent.name}" in text
-
-
-def test_the_page_of_evidence_names_each_study():
-    text = read("studies/evidence/README.md")
-    folder = ROOT / "studies" / "evidence"
-    for path in folder.rglob("*.py"):
-        if '__name__ == "__main__"' in path.read_text(encoding="utf-8"):
-            parts = path.relative_to(folder).with_suffix("").parts
-            name = ".".join(part for part in parts if part != "__main__")
-            assert f"| {name} | " in text
 
 
 def test_the_map_names_each_package():

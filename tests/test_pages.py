@@ -91,8 +91,8 @@ def is_scene(text):
 
 
 def blocks(language):
-    found = [(f"{s.page}, {s.title}", b) for s in SECTIONS for b in s.blocks]
-    return [pytest.param(b, id=title) for title, b in found if b.language == language]
+    result = [(f"{s.page}, {s.title}", b) for s in SECTIONS for b in s.blocks]
+    return [pytest.param(b, id=title) for title, b in result if b.language == language]
 
 
 def filled(command):
@@ -212,16 +212,16 @@ def merged(base, more):
 
 def distinct(commands):
     """One of the commands that are the same once they are filled in, wherever they write."""
-    found = {}
+    result = {}
     for command in commands:
         with contextlib.suppress(AssertionError):  # told by the test of that command
             given = filled(command)
             is_study = given[0] in ("simplify", "tune")
             at = given.index("-o") if is_study and "-o" in given else len(given)
-            found.setdefault((*given[:at], *given[at + 2 :]), command)
+            result.setdefault((*given[:at], *given[at + 2 :]), command)
             continue
-        found[command] = command
-    return found.values()
+        result[command] = command
+    return result.values()
 
 
 @pytest.mark.stories

@@ -129,9 +129,9 @@ H = 0.1 * 0.5 ** np.arange(16)
 
 def test_sweep_with_slope_two_or_round_off_is_accepted():
     """3 h² + 1e-15/h has its minimum at 5e-6; errors below 1e-8 mean a linear function."""
-    good = Sweep("force", H, 3 * H**2 + 1e-15 / H)
-    good.check("it")
-    assert good.slope == pytest.approx(2, abs=0.02)
+    right = Sweep("force", H, 3 * H**2 + 1e-15 / H)
+    right.check("it")
+    assert right.slope == pytest.approx(2, abs=0.02)
     linear = Sweep("force", H, 1e-14 / H)
     linear.check("it")
     assert np.isnan(linear.slope)

@@ -3,16 +3,17 @@
 Around each corner of a triangle a polynomial is fitted, by least squares. In a triangle the
 polynomials of its three corners are blended by the barycentric coordinates.
 
-- On P1 the polynomial is linear, and is fitted to the values in the triangles, at their middles.
-- On P2 it is cubic, and is fitted to the nodal values; its gradient is what is recovered.
+- On P1 the strain is linear, and is fitted to the strains tᵀE t of the edges, at their middles.
+- On P2 the positions are cubic, and are fitted to the nodes; their gradient is what is recovered.
 
-The strains of P1 are those of chords: on a curved cloth they, and not the strains of the smooth
-surface through the nodes, are near the exact ones.
+The strain of an edge is that of its chord, and so are the strains of the triangles: on a curved
+cloth they, and not the strains of a smooth surface through the nodes, are near the exact ones.
+On a flat cloth its error at the middle of the edge is of order h², at the border, too.
 
 Source: Zienkiewicz and Zhu (1992), The superconvergent patch recovery and a posteriori error
-estimates, for P1; Zhang and Naga (2005), A new finite element gradient recovery method:
-superconvergence property, SIAM J. Sci. Comput. 26, 1192–1213, for P2. The blending and the
-widening of patches are ours.
+estimates, for the fits; Zhang and Naga (2005), A new finite element gradient recovery method:
+superconvergence property, SIAM J. Sci. Comput. 26, 1192–1213, for P2. The strains of edges, the
+blending and the widening of patches are ours.
 """
 
 from collections.abc import Iterator
@@ -25,9 +26,6 @@ import scipy.sparse as sparse
 from fecloth.mesh.recovery import LEAST_GOOD_PIVOT, solve_normal_equations
 
 EDGES = ((0, 1), (1, 2), (0, 2))  # corners of the midpoints 3, 4 and 5 of a triangle of P2
-# Rings of triangles in a patch. With one ring the stress on the pattern "cross" has the orders 1.3
-# (P1) and 2.1 (P2) inside the cloth, with two it has 2.0 and 3.
-LEAST_RINGS = 2
 MOST_RINGS = 4
 SPARE_POINTS = 1.3  # points of a patch over the coefficients of its polynomial, at least
 
@@ -55,17 +53,20 @@ class Places:
     Attributes
     ----------
     matrices
-        On P1 one matrix (r, m) from values in the triangles to recovered ones; on P2 two (r, n)
-        from nodal values to recovered derivatives by X and by Y [1/m].
+        On P1 three matrices (r, k) from the strains of edges to E_XX, E_YY and E_XY; on P2 two
+        (r, n) from nodal values to recovered derivatives by X and by Y [1/m].
     triangles
         (r,) a triangle of the group of each row.
     mean
         (places, r) sparse matrix from values of the rows to their mean at each place.
+    edges
+        (k, 2) the ends of the edges on P1; none on P2.
     """
 
     matrices: tuple[sparse.csr_matrix, ...]
     triangles: np.ndarray
     mean: sparse.csr_matrix
+    edges: np.ndarray
 
 
 def places_at_nodes(X: np.ndarray, stencil: np.ndarray, group: np.ndarray) -> Places:
@@ -87,8 +88,9 @@ def places_at_nodes(X: np.ndarray, stencil: np.ndarray, group: np.ndarray) -> Pl
         [nodes, group[triangles]], axis=1, return_index=True, return_inverse=True
     )
     mean = mean_of(pair)
-    matrices = tuple(mean @ matrix for matrix in recover(X, stencil, group, rows))
-    return Places(matrices, triangles[first], mean_of(nodes[first]))
+    samples = Samples.of(X, stencil)
+    matrices = tuple(mean @ matrix for matrix in recover(X, stencil, group, rows, samples))
+    return Places(matrices, triangles[first], mean_of(nodes[first]), samples.edges)
 
 
 def mean_of(number: np.ndarray) -> sparse.csr_matrix:
@@ -105,12 +107,66 @@ def place_in_triangle(
     rows = Rows(corners, np.full(3, group[cell]), np.tile(point, (3, 1)))
     barycentric = np.linalg.solve(np.vstack([X[corners].T, np.ones(3)]), [*point, 1.0])
     shares = sparse.csr_matrix(barycentric)
-    matrices = tuple(shares @ matrix for matrix in recover(X, stencil, group, rows))
-    return Places(matrices, np.array([cell]), sparse.identity(1, format="csr"))
+    samples = Samples.of(X, stencil)
+    matrices = tuple(shares @ matrix for matrix in recover(X, stencil, group, rows, samples))
+    return Places(matrices, np.array([cell]), sparse.identity(1, format="csr"), samples.edges)
+
+
+def edges_of(stencil: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends (k, 2) of the edges of triangles, and the edges (m, 3) of each of these."""
+    n = int(stencil.max()) + 1
+    ends = np.sort(stencil[:, EDGES].astype(np.int64), axis=2)
+    keys, number = np.unique(ends[..., 0] * n + ends[..., 1], return_inverse=True)
+    return np.column_stack(np.divmod(keys, n)), number.reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What is known of a field, and what is recovered of it.
+
+    Attributes
+    ----------
+    at
+        (p, 2) the points where a value is known [m].
+    of_triangle
+        (m, s) the points in each triangle.
+    forms
+        (p, f) the value at a point is the sum of these times the f fields.
+    degree
+        The degree of the polynomials of the fields.
+    rings
+        Rings of triangles in a patch, at least. With one ring the stress of P2 on the pattern
+        "cross" has order 2.1 inside the cloth, with two it has order 3.
+    edges
+        (k, 2) the ends of the edges on P1; none on P2.
+    wanted
+        The number of a field, and how often it is derived by X and by Y, for each result.
+    """
+
+    at: np.ndarray
+    of_triangle: np.ndarray
+    forms: np.ndarray
+    degree: int
+    rings: int
+    edges: np.ndarray
+    wanted: tuple[tuple[int, int, int], ...]
+
+    @classmethod
+    def of(cls, X: np.ndarray, stencil: np.ndarray) -> Self:
+        """The edges and their strains of P1; the nodes and their positions of P2."""
+        if stencil.shape[1] > 3:
+            none = np.zeros((0, 2), np.int64)
+            return cls(X, stencil, np.ones((len(X), 1)), 3, 2, none, ((0, 1, 0), (0, 0, 1)))
+        edges, of_triangle = edges_of(stencil)
+        along = X[edges[:, 1]] - X[edges[:, 0]]
+        c, s = (along / np.linalg.norm(along, axis=1, keepdims=True)).T
+        forms = np.column_stack([c * c, s * s, 2 * c * s])
+        wanted = (0, 0, 0), (1, 0, 0), (2, 0, 0)
+        return cls(X[edges].mean(axis=1), of_triangle, forms, 1, 1, edges, wanted)
 
 
 def recover(
-    X: np.ndarray, stencil: np.ndarray, group: np.ndarray, rows: Rows
+    X: np.ndarray, stencil: np.ndarray, group: np.ndarray, rows: Rows, samples: "Samples"
 ) -> list[sparse.csr_matrix]:
     """Return the matrices of `Places` for polynomials of corners, each at a place.
 
@@ -124,24 +180,23 @@ def recover(
         (m,) equal where the field is smooth across edges; a fit takes triangles of one group.
     rows
         The polynomials and the places.
+    samples
+        What is known.
     """
-    is_linear = stencil.shape[1] == 3
-    points = X[stencil].mean(axis=1) if is_linear else X
-    derivatives = ((0, 0),) if is_linear else ((1, 0), (0, 1))
     groups = int(group.max()) + 1
     polynomials, polynomial = np.unique(rows.corner * groups + rows.group, return_inverse=True)
     corner, own_group = polynomials // groups, polynomials % groups
     index, column, weights = [], [], []
-    for chosen, taken, fit in _fits(X, points, stencil, group, (corner, own_group)):
+    for chosen, taken, fit in _fits(X, samples, stencil, group, (corner, own_group)):
         place = np.full(len(corner), -1)
         place[chosen] = taken
         row = np.flatnonzero(place[polynomial] >= 0)
         own = place[polynomial[row]]
         index.append(np.repeat(row, fit.points.shape[1]))
         column.append(fit.points[own].ravel())
-        weights.append([fit.weights_of(own, rows.at[row], d).ravel() for d in derivatives])
+        weights.append([fit.weights_of(own, rows.at[row], *w).ravel() for w in samples.wanted])
     entries = np.concatenate(index), np.concatenate(column)
-    shape = len(rows.corner), len(points)
+    shape = len(rows.corner), len(samples.at)
     return [
         sparse.csr_matrix((np.concatenate(parts), entries), shape=shape)
         for parts in zip(*weights, strict=True)
@@ -162,7 +217,7 @@ class Fit:
     powers
         (d, 2) powers of both coordinates in each term.
     weights
-        (s, d, c) from the values at the points of the patch to the coefficients.
+        (s, f, d, c) from the values at the points of the patch to the coefficients of each field.
     is_good
         (s,) whether the points determine the polynomial well.
     """
@@ -175,54 +230,59 @@ class Fit:
     is_good: np.ndarray
 
     @classmethod
-    def of(cls, at: np.ndarray, points: np.ndarray, centre: np.ndarray, degree: int) -> Self:
-        """Return the fits to values at the points (s, c) of the patches, which lie `at` (p, 2)."""
-        arms = at[points] - centre[:, None]
+    def of(cls, samples: Samples, points: np.ndarray, centre: np.ndarray) -> Self:
+        """Return the fits to the values at the points (s, c) of the patches."""
+        arms = samples.at[points] - centre[:, None]
         size = np.sqrt((arms**2).sum(axis=2).max(axis=1))
         x, y = np.moveaxis(arms / size[:, None, None], -1, 0)
+        degree = samples.degree
         powers = np.array([(i, k - i) for k in range(degree + 1) for i in range(k + 1)])
-        A = np.stack([x**i * y**j for i, j in powers], axis=-1)
+        terms = np.stack([x**i * y**j for i, j in powers], axis=-1)
+        forms = samples.forms[points]
+        s, c, f = forms.shape
+        A = (forms[..., None] * terms[:, :, None]).reshape(s, c, -1)
         transposed = A.swapaxes(1, 2)
-        normal = transposed @ A / points.shape[1]
-        identity = np.broadcast_to(np.eye(len(powers)), normal.shape)
+        normal = transposed @ A / c
+        identity = np.broadcast_to(np.eye(A.shape[2]), normal.shape)
         pivot, inverse = solve_normal_equations(np.concatenate([normal, identity], axis=2))
-        weights = inverse @ transposed / points.shape[1]
+        weights = (inverse @ transposed / c).reshape(s, f, len(powers), c)
         is_good = pivot > LEAST_GOOD_PIVOT**degree
-        is_good &= points.shape[1] >= SPARE_POINTS * len(powers)
+        is_good &= c >= SPARE_POINTS * A.shape[2]
         return cls(points, centre, size, powers, weights, is_good)
 
-    def weights_of(self, chosen: np.ndarray, at: np.ndarray, derivative: tuple) -> np.ndarray:
-        """Return (r, c) from values at the points to chosen polynomials at (r, 2), or derivatives.
+    def weights_of(
+        self, chosen: np.ndarray, at: np.ndarray, field: int, k: int, m: int
+    ) -> np.ndarray:
+        """Return (r, c) from values at the points to a field of chosen polynomials at (r, 2).
 
-        `derivative` has how often the polynomials are derived by X and by Y: (0, 0), (1, 0) or
-        (0, 1).
+        The field is derived k times by X and m times by Y, at most once in all.
         """
         size = self.size[chosen]
         x, y = (at - self.centre[chosen]).T / size
-        k, l = derivative
-        terms = [i**k * x ** max(i - k, 0) * j**l * y ** max(j - l, 0) for i, j in self.powers]
-        weights: np.ndarray = np.einsum("dr,rdc->rc", np.array(terms), self.weights[chosen])
-        return weights / size[:, None] ** (k + l)
+        terms = np.array(
+            [i**k * x ** max(i - k, 0) * j**m * y ** max(j - m, 0) for i, j in self.powers]
+        )
+        weights: np.ndarray = np.einsum("dr,rdc->rc", terms, self.weights[chosen, field])
+        return weights / size[:, None] ** (k + m)
 
 
-def _fits(X, points, stencil, group, polynomials) -> Iterator[tuple]:
+def _fits(X, samples: Samples, stencil, group, polynomials) -> Iterator[tuple]:
     """Yield numbers (t,) of polynomials, their numbers (t,) in a `Fit`, and the `Fit`.
 
-    `points` (p, 2) are those of the values, and `polynomials` the corner and the group of each.
-    Where the patch of `LEAST_RINGS` does not determine the polynomial well, it has a ring or two
-    more.
+    `polynomials` are the corner and the group of each. Where the patch does not
+    determine the polynomial well, it has a ring or two more.
     """
     corner, own_group = polynomials
-    degree = 1 if len(points) == len(stencil) else 3
     remaining = np.arange(len(corner))
-    for ring in range(LEAST_RINGS, MOST_RINGS + 1):
-        patches = _patches(len(X), stencil, group, corner[remaining], own_group[remaining], ring)
+    for ring in range(samples.rings, MOST_RINGS + 1):
+        own = corner[remaining], own_group[remaining]
+        patches = _patches(samples, stencil, group, *own, ring)
         count = np.diff(patches.indptr)
         is_poor = np.zeros(len(remaining), bool)
         for size in np.unique(count):
             chosen = np.flatnonzero(count == size)
             numbers = patches.indices[patches.indptr[chosen, None] + np.arange(size)]
-            fit = Fit.of(points, numbers, X[corner[remaining[chosen]]], degree)
+            fit = Fit.of(samples, numbers, X[corner[remaining[chosen]]])
             is_taken = fit.is_good | (ring == MOST_RINGS)
             is_poor[chosen[~is_taken]] = True
             yield remaining[chosen[is_taken]], np.flatnonzero(is_taken), fit
@@ -231,14 +291,14 @@ def _fits(X, points, stencil, group, polynomials) -> Iterator[tuple]:
             return
 
 
-def _patches(n: int, stencil, group, corner, own_group, rings: int) -> sparse.csr_matrix:
+def _patches(samples: Samples, stencil, group, corner, own_group, rings: int) -> sparse.csr_matrix:
     """Return the points of the patches of corners: a sparse matrix (s, p) of numbers > 0.
 
-    The points are the triangles of P1, and the nodes of P2. A patch of `rings` rings has only
-    triangles of the group `own_group` (s,) of its polynomial.
+    A patch of `rings` rings has only triangles of the group `own_group` (s,) of its polynomial.
     """
     m = len(stencil)
     s = len(corner)
+    n = int(stencil.max()) + 1
     touches = _incidence(stencil[:, :3], m, n)  # triangle × corner
     nodes = sparse.csr_matrix((np.ones(s), (np.arange(s), corner)), shape=(s, n))
     for _ in range(rings):
@@ -247,10 +307,7 @@ def _patches(n: int, stencil, group, corner, own_group, rings: int) -> sparse.cs
         place = patch.row[is_own], patch.col[is_own]
         triangles = sparse.csr_matrix((np.ones(is_own.sum()), place), shape=(s, m))
         nodes = triangles @ touches
-    if stencil.shape[1] == 3:
-        patches = triangles
-    else:
-        patches = (triangles @ _incidence(stencil, m, n)).tocsr()
+    patches = (triangles @ _incidence(samples.of_triangle, m, len(samples.at))).tocsr()
     patches.sort_indices()
     return patches
 

@@ -14,6 +14,7 @@ from fecloth.simulation.doubts.pins import rotation_about_pins
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
 from fecloth.system.seams import Seam
+from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.loops.bound_condition import BoundCondition
 
@@ -47,7 +48,7 @@ def plan(problem: Problem, why: str) -> list[str]:
         f"{n} nodes, {amount(len(system.cloth.triangles), element_name)}, "
         f"area {system.cloth.area:.6g} m², {system.constraints.count_free(n)} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
-        f"pins: {_describe_pins(system)}",
+        f"pins: {_describe_pins(system, problem.start)}",
         *map(_describe_seam, system.seams, repeat(system.cloth)),
         _describe_steps(problem),
         f"linear solver: {why}",
@@ -78,7 +79,7 @@ def sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
     return [f"{name}: {value.source}" for name, value in fabric.items() if value.source]
 
 
-def _describe_pins(system: System) -> str:
+def _describe_pins(system: System, start: State) -> str:
     """Return in words how many nodes each pin holds, and whether the cloth can turn about them.
 
     It can turn if all pins are on a line and none is clamped.
@@ -87,7 +88,7 @@ def _describe_pins(system: System) -> str:
     for name, (pin, nodes) in system.constraints.groups.items():
         clamped = ", clamped" if pin.clamp else ""
         counts.append(f"{name} ({amount(len(nodes), 'node')}{clamped})")
-    turns = not system.panel.clamps and rotation_about_pins(system, system.rest().x) is not None
+    turns = not system.panel.clamps and rotation_about_pins(system, start.x) is not None
     words = ", ".join(counts) or "none"
     if turns:
         return f"{words}, on a line, about which the cloth is free to turn"

@@ -20,6 +20,7 @@ from fecloth.nonlinear.increments import NO_COURSE, Course, increase_loads, shak
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed
 from fecloth.nonlinear.statistics import Counts
+from fecloth.simulation.closing_work import closing_work
 from fecloth.simulation.step_times import ChosenSteps, step_times
 from fecloth.system.state import State
 from fecloth.system.system import History, System
@@ -161,6 +162,7 @@ class LoadSteps(ChosenSteps):
             work += term.work_of_clamps(begin, end, (begin, end))
         force = step.force_on_pins(system)[system.constraints.nodes]
         work -= system.sums.dot(force, system.constraints.held_part(moved))
+        work += closing_work(system, old, step)
         return sum(before.values()) - sum(after.values()) + work
 
     def __str__(self) -> str:

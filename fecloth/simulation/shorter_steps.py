@@ -2,6 +2,7 @@
 
 from fecloth.integrators.protocol import StepChoice
 from fecloth.simulation.error_control import Adaptive
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.stability_limited import StabilityLimited
 
 
@@ -14,6 +15,8 @@ def name_shorter_steps(steps: StepChoice) -> str:
         return f"a smaller {'rtol' if steps.rtol else 'atol'}"
     if isinstance(steps, StabilityLimited):
         return "a dt below the largest stable one"
+    if isinstance(steps, LoadSteps):
+        return "more load_steps"
     return "a smaller dt"
 
 

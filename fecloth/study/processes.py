@@ -10,8 +10,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from pebble import ProcessExpired, ProcessPool
-
 from fecloth.errors import InputError
 from fecloth.study import status, threads
 from fecloth.study.command import require_packages
@@ -41,6 +39,8 @@ def run_in_processes(
     is replaced. `time_limit` is the CPU time of a case [s]. A process that hangs takes no CPU
     time, so it is also stopped after a long time by the clock.
     """
+    from pebble import ProcessPool  # which loads asyncio
+
     clock_limit = None
     if time_limit is not None:
         clock_limit = max(HANGING_OVER_LIMIT * time_limit, LEAST_HANGING)
@@ -93,6 +93,8 @@ def _result_of(future: Future, time_limit: float | None) -> dict:
 
     Raise `RuntimeError` if no process could start.
     """
+    from pebble import ProcessExpired
+
     try:
         return future.result()
     except TimeoutError:  # the process hung, and was stopped by the clock

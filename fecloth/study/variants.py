@@ -138,7 +138,10 @@ def _name_value(key: str, value: object) -> str:
         return f"{name} ({others})" if others else str(name)
     if isinstance(value, str):
         return value
-    return f"{key.rpartition('.')[2]} = {value}"
+    rest, _, last = key.rpartition(".")
+    if last.isdigit():  # of a pair
+        last = f"{rest.rpartition('.')[2]}.{last}"
+    return f"{last} = {value}"
 
 
 def known_names(

@@ -130,6 +130,11 @@ class Seam:
         if np.intersect1d(first.nodes[1:-1], second.nodes[1:-1]).size:
             raise InputError("an edge sewn to itself", "must be sewn to another", self.label)
         _check_corners(first, second, cloth, self.label)
+        for i, j in ((0, -1), (-1, 0)):
+            if first.nodes[i] == second.nodes[j] and first.nodes[i] != first.nodes[j]:
+                what = f"edges that meet at {place_of(cloth.X[first.nodes[i]])} by different ends"
+                remedy = f"Write reverse = {str(not self.reverse).lower()}."
+                raise InputError(what, "must both begin there, or both end", self.label, remedy)
         lengths = first.length, second.length
         if max(lengths) * (1 - MOST_EASING) > min(lengths):
             what = f"edges of {lengths[0]:.4g} m and {lengths[1]:.4g} m"

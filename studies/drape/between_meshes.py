@@ -14,7 +14,6 @@ from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator
 
 import fecloth as fc
 from fecloth.errors import FeclothError
@@ -96,6 +95,8 @@ def lie_flat(cloth: fc.Cloth, seed: int | None = None) -> np.ndarray:
 
 def carry(old: fc.Cloth, x: np.ndarray, new: fc.Cloth) -> np.ndarray:
     """Return positions of one mesh, interpolated to another; the support stays flat."""
+    from scipy.interpolate import LinearNDInterpolator
+
     if old is new:
         return x
     angles = np.sort(np.arctan2(*old.X[np.hypot(*old.X.T) > SPECIMEN - 1e-6].T))

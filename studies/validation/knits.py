@@ -55,8 +55,12 @@ class Specimen:
 
     def measured(self) -> tuple[float, float]:
         """Mean force of the repeats at the end of the range, and their standard deviation."""
-        number, force, extension = (np.array(values) for values in self.forces.values())
-        end = PART * self._read[1]
+        # beyond the range, so that its end lies between two rows
+        columns, length, _ = knits.read(self.knit, self.direction, 1.2 * PART)
+        number, extension, force = (
+            np.array(columns[name]) for name in ("repeat", "extension [m]", "force [N]")
+        )
+        end = PART * length
         ends = []
         for repeat in np.unique(number):
             rows = np.flatnonzero(number == repeat)

@@ -21,11 +21,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 import fecloth as fc
 from studies import harness
@@ -103,12 +104,12 @@ def changes_at_end(yarn: str, knit: str, name: str) -> dict[tuple[str, int], flo
 UNITS = {"force": "N", "half": "m"}
 
 
-def knit_rows(yarn: str, knit: str, repeats: Sequence[int]) -> Rows:
-    """Each of some repeats left out of both directions, then each force and width."""
+def knit_rows(yarn: str, knit: str) -> Rows:
+    """Each repeat left out of both directions, then each force and width."""
     every = range(1, 6)
     rows = []
     start = knits.START
-    for left_out in repeats:
+    for left_out in every:
         kept = [number for number in every if number != left_out]
         tests = [
             knit_test(yarn, knit, d, list(COLUMNS), numbers, fitted)
@@ -167,7 +168,7 @@ def row_of(
         line[key] - start for key in ("from", "to", "predicted", "measured")
     )
     mean, n = float(np.mean(others)), len(others)
-    half = float(stats.t.ppf(0.975, n - 1) * np.std(others, ddof=1) * math.sqrt(1 + 1 / n))
+    half = float(stdtrit(n - 1, 0.975) * np.std(others, ddof=1) * math.sqrt(1 + 1 / n))
     told = math.isfinite(low)
     return {
         "fabric": fabric,
@@ -206,6 +207,8 @@ def summaries(rows: Rows) -> Rows:
         line: dict[str, Any] = {"left out": words, "curves": len(own), "told": len(told)}
         line["covered"] = covered
         if told:
+            from scipy import stats  # takes half a second
+
             low, high = stats.binomtest(covered, len(told)).proportion_ci(0.95, "exact")
             line["Clopper-Pearson 95 %"] = f"{low:.2f} to {high:.2f}"
             for name in "score", "score of a constant":
@@ -216,15 +219,13 @@ def summaries(rows: Rows) -> Rows:
 
 def main() -> int:
     options = harness.parse_arguments(__doc__ or "")
-    angles, repeats, pairs, steps = nylon.ANGLES, range(1, 6), None, nylon.STEPS
     if options.quick:
-        angles, repeats, pairs, steps = (45,), (1,), [("acrylic", "garter")], nylon.FEW
-    rows = nylon_rows(angles, steps)
-    for yarn, knit in pairs or [(yarn, knit) for yarn in YARNS for knit in knits.KNITS]:
-        rows += knit_rows(yarn, knit, repeats)
-    if not options.quick:
-        for knit in knits.KNITS:
-            rows += other_yarn_rows(knit)
+        return write(options, nylon_rows((45,), nylon.FEW))
+    rows = nylon_rows(nylon.ANGLES, nylon.STEPS)
+    for yarn, knit in product(YARNS, knits.KNITS):
+        rows += knit_rows(yarn, knit)
+    for knit in knits.KNITS:
+        rows += other_yarn_rows(knit)
     return write(options, rows)
 
 

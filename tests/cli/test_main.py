@@ -215,32 +215,21 @@ def test_a_killed_run_leaves_a_pvd_that_opens(scene, tmp_path):
 @pytest.mark.stories
 def test_energy_balance_that_does_not_close_is_reported(scene, capsys):
     make = ["--set", 'time.method="implicit_midpoint"', "--set", "terms.1.time=1e-9"]
-    assert main(["run", str(scene), "-o", "good", *make, "--set", "time.dt=0.001"]) == 0
-    assert "energy balance" not in capsys.readouterr().err + Path("good/run.log").read_text()
-    assert "energy balance" not in Path("good/summary.json").read_text()
-    long = ["--set", "time.dt=0.02", "--set", "time.t_end=0.6", "--set", "output.every=0.1"]
-    assert main(["run", str(scene), "-o", "bad", *make, *long]) == 0
+    make += ["--set", "time.dt=0.02", "--set", "output.every=0.1"]
+    assert main(["run", str(scene), "-o", "bad", *make, "--set", "time.t_end=0.6"]) == 0
     printed = capsys.readouterr()
-    error, warnings = printed.err, json.loads(Path("bad/summary.json").read_text())["warnings"]
-    sentence = next(words for words in warnings if "the energy balance is off by" in words)
+    warnings = json.loads(Path("bad/summary.json").read_text())["warnings"]
+    (sentence,) = [words for words in warnings if "the energy balance is off by" in words]
     assert "take a smaller dt" in sentence
-    assert json.loads(Path("bad/summary.json").read_text())["warning"] == warnings[0]
     assert abs(float(rows(Path("bad/steps.csv"))[-1]["drift"])) > 0.05
-    words = "the energy balance is off by"
-    assert error.count(f"warning: {words}") == 1
-    assert all(f"warning: {one}\n" in error for one in warnings)
+    assert all(f"warning: {words}\n" in printed.err for words in warnings)
     assert f"{len(warnings)} warning" in printed.out.splitlines()[-1]
-    assert '<span class="status warned">done, with warnings</span>' in Path(
-        "bad/report.html"
-    ).read_text(encoding="utf-8")
-    log = Path("bad/run.log").read_text()
-    assert log.count(f"warning: {words}") == 1
-    longer = [*long[:2], "--set", "time.t_end=1", *long[4:]]
-    assert main(["run", str(scene), "-o", "worse", *make, *longer]) == 3
+    page = Path("bad/report.html").read_text(encoding="utf-8")
+    assert '<span class="status warned">done, with warnings</span>' in page
+    assert Path("bad/run.log").read_text().count(f"warning: {sentence}") == 1
+    assert main(["run", str(scene), "-o", "worse", *make, "--set", "time.t_end=1"]) == 3
     assert "the method has made the rest" in capsys.readouterr().err
-    summary = json.loads(Path("worse/summary.json").read_text())
-    assert summary["status"] == "failed"
-    assert 0.5 < summary["t"] < 1
+    assert json.loads(Path("worse/summary.json").read_text())["status"] == "failed"
 
 
 @pytest.mark.stories

@@ -28,10 +28,10 @@ def scene(tmp_path, monkeypatch):
 def test_it_prints_a_frequency_a_line(scene, capsys, tmp_path):
     assert main(["modes", scene, "-n", "3", "-o", "shapes"]) == 0
     printed = capsys.readouterr()
-    found = [float(line) for line in printed.out.splitlines()]
+    result = [float(line) for line in printed.out.splitlines()]
     tension = 1e4 / 0.7 * (1.01**2 - 1) / 2
     exact = [math.sqrt(tension / 0.2 * n) / 2 for n in (2, 5, 5)]
-    assert found == pytest.approx(exact, rel=0.011)  # lumped: from below
+    assert result == pytest.approx(exact, rel=0.011)  # lumped: from below
     assert "stable: the lowest frequency is 18.8" in printed.err
     assert "open shapes/modes.pvd in ParaView" in printed.err
     assert len(list((tmp_path / "shapes" / "frames").glob("*.vtu"))) == 3

@@ -61,8 +61,8 @@ def shell(line: str, **environment: str) -> subprocess.CompletedProcess:
 @pytest.mark.stories
 def test_where_the_text_goes_does_not_decide_about_a_run(scene, tmp_path):
     """It writes to both streams, of which each may be lost."""
-    found = shell("FECLOTH run sheet.toml > /dev/full 2>&1")
-    assert found.returncode == 0, found.stderr
+    result = shell("FECLOTH run sheet.toml > /dev/full 2>&1")
+    assert result.returncode == 0, result.stderr
     assert (tmp_path / "out/sheet/report.html").is_file()
     assert (tmp_path / "out/sheet/summary.json").is_file()
 
@@ -73,9 +73,9 @@ def test_where_the_text_goes_does_not_decide_about_a_run(scene, tmp_path):
     [("2>&1 | head -1", 0), ("2> /dev/full", 0), ("> /dev/full", 3), (">&- 2>&-", 0)],
 )
 def test_lost_text_is_a_failure_only_where_a_disk_is_full(scene, redirection, status):
-    found = shell(f"FECLOTH info --fabrics {redirection}")
-    assert found.returncode == status, found.stderr
-    assert b"Traceback" not in found.stderr
+    result = shell(f"FECLOTH info --fabrics {redirection}")
+    assert result.returncode == status, result.stderr
+    assert b"Traceback" not in result.stderr
 
 
 # --- encodings ------------------------------------------------------------------------------------
@@ -91,9 +91,9 @@ def test_any_encoding_of_the_output(scene, monkeypatch, command, encoding):
 
 @pytest.mark.stories
 def test_the_c_locale(scene):
-    found = shell("FECLOTH run sheet.toml", LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")
-    assert found.returncode == 0, found.stderr
-    assert b"Traceback" not in found.stderr
+    result = shell("FECLOTH run sheet.toml", LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")
+    assert result.returncode == 0, result.stderr
+    assert b"Traceback" not in result.stderr
 
 
 # --- markup ---------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Explicit methods: order, stability limits, energy, momentum, pins, ledger; no matrix."""
+"""Explicit methods: order, momentum, pins, ledger; no matrix."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the package's methods, linear solvers and terms offer is what the protocols say."""
+"""What wraps a method offers what the method does."""
 
 import pytest
 

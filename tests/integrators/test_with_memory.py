@@ -1,4 +1,4 @@
-"""Newmark, generalised-α and BDF2: amplification, start, changing steps, ledger, refusals."""
+"""Newmark, generalised-α and BDF2: start, changing steps, reactions."""
 
 from itertools import pairwise
 

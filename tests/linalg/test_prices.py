@@ -1,4 +1,4 @@
-"""The prices of the operations of linear solvers: a table, and what is between its matrices."""
+"""The prices of the operations of linear solvers: a table, and what is beyond its matrices."""
 
 import tomllib
 

@@ -1,4 +1,4 @@
-"""Invalid arrays: each error message names the node, triangle or edge."""
+"""Arrays of a mesh: what is refused, turned, sorted and copied."""
 
 import numpy as np
 import pytest

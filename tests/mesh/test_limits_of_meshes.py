@@ -1,4 +1,4 @@
-"""Thresholds of the mesh package, each held from both sides."""
+"""Limits of meshes, each from both sides."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The largest value on a cloth, also inside triangles: closed forms, and the sag of a plate."""
+"""The largest value on a cloth, also inside triangles: closed forms."""
 
 import numpy as np
 import pytest

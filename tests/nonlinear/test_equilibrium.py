@@ -24,15 +24,15 @@ DOWN = fc.Gravity((0.0, 0.0, -9.81))
 def solved(system, state, **options):
     """The equilibrium and its iterations; its residual is recomputed here."""
     iterations = []
-    found = fc.equilibrium(system, state, report=iterations.append, **options)
-    f = system.constraints.project(system.force(found))
-    scale = sum(np.linalg.norm(part) for part in parts(system, found))
+    result = fc.equilibrium(system, state, report=iterations.append, **options)
+    f = system.constraints.project(system.force(result))
+    scale = sum(np.linalg.norm(part) for part in parts(system, result))
     assert np.linalg.norm(f) < max(1e-8 * scale, 1e-11)  # of about 1e3 N/m × 1 m, rounded
-    assert found.residual <= options.get("tolerance", 1e-9)
-    assert not found.v.any()
-    assert found.state is found
-    assert found.t == state.t
-    return found, iterations
+    assert result.residual <= options.get("tolerance", 1e-9)
+    assert not result.v.any()
+    assert result.state is result
+    assert result.t == state.t
+    return result, iterations
 
 
 def parts(system, state):
@@ -58,9 +58,9 @@ def test_hanging_strip_meets_the_closed_form():
         fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=20.0)  # 10 % strain at the clamp
         terms = [fc.StVK(), fc.Gravity((0.0, -9.81, 0.0))]
         system = fc.System(cloth, fabric, terms, pins=["top"])
-        found, iterations = solved(system, system.rest())
+        result, iterations = solved(system, system.rest())
         assert len(iterations) < 10
-        down = system.rest().x[:, 1] - found.x[:, 1]
+        down = system.rest().x[:, 1] - result.x[:, 1]
         mean = np.vdot(system.nodal_mass, down) / system.nodal_mass.sum()
         errors.append(abs(mean / hanging_strip_mean(1.0, 20.0, 0.2) - 1))
     assert errors[-1] < 1e-3
@@ -76,11 +76,13 @@ def test_pressurised_disk_from_the_flat_meets_the_exact_membrane(kind):
     cloth = fc.Cloth.disk(0.5, 0.025)
     fabric = fc.Fabric(0.2, 1000.0, 0.3)
     system = fc.System(cloth, fabric, [fc.StVK(), fc.Pressure(500.0, kind)], pins=["boundary"])
-    found, iterations = solved(system, system.rest())
+    result, iterations = solved(system, system.rest())
     assert len(iterations) < 30
     assert iterations[0].shift > 0  # flat: no stiffness across
-    assert (cloth.interpolator(np.zeros((1, 2))) @ found.x)[0, 2] == pytest.approx(height, rel=5e-3)
-    assert enclosed(cloth, found.x) == pytest.approx(volume, rel=3e-3)
+    assert (cloth.interpolator(np.zeros((1, 2))) @ result.x)[0, 2] == pytest.approx(
+        height, rel=5e-3
+    )
+    assert enclosed(cloth, result.x) == pytest.approx(volume, rel=3e-3)
 
 
 def test_a_cloth_that_starts_squeezed():
@@ -105,11 +107,11 @@ def test_gas_couples_all_nodes():
     x = flat(cloth)
     x[:, 2] = 0.05 * (1 - np.sum(cloth.X**2, axis=1) / 0.25)
     x[cloth.nodes("boundary"), 2] = 0.0
-    found, iterations = solved(system, system.state(x))
+    result, iterations = solved(system, system.state(x))
     assert quadratic(iterations)  # with the dense part left out it is not
-    p = 103325.0 * 0.02 / enclosed(cloth, found.x) - 101325.0
+    p = 103325.0 * 0.02 / enclosed(cloth, result.x) - 101325.0
     blown = fc.System(cloth, fabric, [fc.StVK(), fc.Pressure(p)], pins=["boundary"])
-    f, (pull, push) = blown.force(found), loads(blown, found)
+    f, (pull, push) = blown.force(result), loads(blown, result)
     assert np.linalg.norm(system.constraints.project(f)) < 1e-5 * np.linalg.norm(push)
     assert np.linalg.norm(pull) > 0.1
 
@@ -135,9 +137,9 @@ def test_a_follower_pressure_turns_a_clamped_plate_round(element, cells):
     errors = []
     for count in cells:
         system = clamped_strip(20.0, count, element)
-        found, iterations = solved(system, system.rest(), load_steps=10)
+        result, iterations = solved(system, system.rest(), load_steps=10)
         assert {it.load for it in iterations} >= {0.5, 1.0}
-        tip = found.x[system.cloth.nodes("right")].mean(axis=0) - [0, 0.5 / count, 0]
+        tip = result.x[system.cloth.nodes("right")].mean(axis=0) - [0, 0.5 / count, 0]
         errors.append(np.linalg.norm(tip - expected))
     assert errors[1] < (7e-4 if element == "P2" else 4e-4)
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.15)
@@ -347,9 +349,9 @@ def test_an_unstable_equilibrium_warns_and_bending_the_start_finds_a_stable_one(
         flat = fc.equilibrium(system, system.state(x))
     assert len(flat.warnings) == 1
     bent = x + 1e-3 * fc.modes(system, flat, count=1).shapes[0]
-    found = fc.equilibrium(system, system.state(bent))
-    assert found.warnings == ()
-    assert np.ptp(found.x[:, 2]) > 0.01
+    result = fc.equilibrium(system, system.state(bent))
+    assert result.warnings == ()
+    assert np.ptp(result.x[:, 2]) > 0.01
 
 
 def test_a_definite_stiffness_needs_no_eigenvalue(monkeypatch):

@@ -213,8 +213,8 @@ def search(R, potential=None, enough=0.0, across=0.0, **options):
 
     step = np.array([[1.0, 0.0]])
     energy = (lambda y: potential(float(y[0, 0]))) if potential else None
-    found = find_step(SUMS, at, at(0 * step), step, enough, energy, **options)
-    return found and found[1]
+    result = find_step(SUMS, at, at(0 * step), step, enough, energy, **options)
+    return result and result[1]
 
 
 @pytest.mark.parametrize(("part", "length"), [(0.8, None), (1.25, 1.0)])

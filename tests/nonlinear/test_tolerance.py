@@ -40,11 +40,11 @@ def tip(system, state):
 def test_a_pinned_sliver_does_not_end_the_iteration(sliver):
     expected = fc.equilibrium(cantilever(), cantilever().rest())
     system = cantilever(sliver)
-    found = fc.equilibrium(system, system.rest())
-    assert found.residual <= 1e-9
-    assert found.iterations == expected.iterations
-    assert tip(system, found) == pytest.approx(tip(cantilever(), expected), rel=1e-9)
-    assert tip(system, found) < -0.02
+    result = fc.equilibrium(system, system.rest())
+    assert result.residual <= 1e-9
+    assert result.iterations == expected.iterations
+    assert tip(system, result) == pytest.approx(tip(cantilever(), expected), rel=1e-9)
+    assert tip(system, result) < -0.02
 
 
 @pytest.mark.parametrize("stiffness", [2e8, 1e12])
@@ -54,9 +54,9 @@ def test_a_steel_grip_does_not_loosen_the_tolerance(stiffness, strain):
     soft, stiff = cantilever(), cantilever(grip=fc.Fabric(0.15, stiffness, bending_rigidity=0.0118))
     x = flat(stiff.cloth)
     x[x[:, 0] < 1e-9, 0] -= strain * 0.01
-    found = fc.equilibrium(stiff, stiff.state(x))
+    result = fc.equilibrium(stiff, stiff.state(x))
     expected = tip(soft, fc.equilibrium(soft, soft.rest()))
-    assert tip(stiff, found) == pytest.approx(expected, rel=1e-5)
+    assert tip(stiff, result) == pytest.approx(expected, rel=1e-5)
 
 
 # --- one term alone -------------------------------------------------------------------------------
@@ -70,14 +70,14 @@ def test_the_tolerance_means_something_with_one_term(term, stretch):
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [term], pins=["left", "right"])
     iterations = []
     for tolerance in (1e-1, 1e-4, 1e-9):
-        found = fc.equilibrium(
+        result = fc.equilibrium(
             system, system.state(flat(cloth) * [stretch, 1, 1]), tolerance=tolerance
         )
-        f = system.force(found)
+        f = system.force(result)
         free = np.linalg.norm(system.constraints.project(f.copy()))
-        assert free / np.linalg.norm(f) == pytest.approx(found.residual, rel=1e-6)
-        assert found.residual <= tolerance
-        iterations.append(found.iterations)
+        assert free / np.linalg.norm(f) == pytest.approx(result.residual, rel=1e-6)
+        assert result.residual <= tolerance
+        iterations.append(result.iterations)
     assert iterations[0] < iterations[1] < iterations[2]
 
 
@@ -87,19 +87,19 @@ def test_the_tolerance_means_something_with_one_term(term, stretch):
 def test_an_equilibrium_serves_as_a_state(sheet, isotropic):
     system = fc.System(sheet, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
     told = []
-    found = fc.equilibrium(system, system.state(flat(sheet), t=2.0), report=told.append)
-    assert isinstance(found, fc.State)
-    assert isinstance(found, fc.Equilibrium)
-    assert found.t == 2.0
-    assert not found.v.any()
-    assert found.iterations == len(told) <= found.factorisations
-    assert found.residual == told[-1].residual
-    assert found.reason.startswith("the error left in its positions is about")
-    assert found.solver_error < 1e-6 * abs(found.x - flat(sheet)).max()
-    run = fc.run(system, fc.BackwardEuler(), found, dt=0.01, t_end=2.02)
-    assert abs(run.state.x - found.x).max() < 1e-9
-    assert fc.equilibrium(system, found).iterations == 0
-    assert system.energies(found)["kinetic"] == 0
+    result = fc.equilibrium(system, system.state(flat(sheet), t=2.0), report=told.append)
+    assert isinstance(result, fc.State)
+    assert isinstance(result, fc.Equilibrium)
+    assert result.t == 2.0
+    assert not result.v.any()
+    assert result.iterations == len(told) <= result.factorisations
+    assert result.residual == told[-1].residual
+    assert result.reason.startswith("the error left in its positions is about")
+    assert result.solver_error < 1e-6 * abs(result.x - flat(sheet)).max()
+    run = fc.run(system, fc.BackwardEuler(), result, dt=0.01, t_end=2.02)
+    assert abs(run.state.x - result.x).max() < 1e-9
+    assert fc.equilibrium(system, result).iterations == 0
+    assert system.energies(result)["kinetic"] == 0
 
 
 # --- round-off ------------------------------------------------------------------------------------
@@ -120,28 +120,28 @@ def test_equilibrium_raises_where_round_off_is_above_the_tolerance(far_away):
         fc.equilibrium(system, start, tolerance=1e-9)
     assert failure.value.residual > 1e-9
     possible = float(failure.value.remedy.split("tolerance of ")[1].split()[0])
-    found = fc.equilibrium(system, failure.value.state, tolerance=possible)
-    assert found.residual <= possible
+    result = fc.equilibrium(system, failure.value.state, tolerance=possible)
+    assert result.residual <= possible
 
 
 def test_the_default_says_what_round_off_leaves(far_away):
     """It asks for no tolerance: at 1e6 m numbers are 1e-10 m apart, the error is of that size."""
     system, start = far_away
-    found = fc.equilibrium(system, start)
-    assert 1e-11 < found.solver_error < 1e-8
-    assert "error" in found.reason
+    result = fc.equilibrium(system, start)
+    assert 1e-11 < result.solver_error < 1e-8
+    assert "error" in result.reason
     near = fc.equilibrium(system, system.state(start.x - [1e6, 0.0, 0.0]))
-    apart = abs(found.x - [1e6, 0.0, 0.0] - near.x).max()
-    assert apart < 10 * found.solver_error
+    apart = abs(result.x - [1e6, 0.0, 0.0] - near.x).max()
+    assert apart < 10 * result.solver_error
 
 
 def test_a_cloth_without_forces_is_in_equilibrium(sheet, isotropic, rng):
     """No residual of 1: all its forces are round-off."""
     turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     system = fc.System(sheet, isotropic, [fc.StVK()])
-    found = fc.equilibrium(system, system.state(flat(sheet) @ turn + 10.0))
-    assert (found.iterations, found.residual) == (0, 0.0)
-    assert found.reason == "no force exceeds its round-off"
+    result = fc.equilibrium(system, system.state(flat(sheet) @ turn + 10.0))
+    assert (result.iterations, result.residual) == (0, 0.0)
+    assert result.reason == "no force exceeds its round-off"
 
 
 def test_steps_limited_by_round_off_are_counted_and_told(far_away):
@@ -171,12 +171,12 @@ def test_a_step_out_of_an_unstable_balance_is_doubled(potential, tiny):
 
     start = at(np.array([[0.01, 0.0, 0.0]]))
     step = np.array([[2e-4, 0.0, 0.0]])
-    found, alpha = find_step(NodeSums(), at, start, step, 0.0, potential, tiny=tiny)
+    result, alpha = find_step(NodeSums(), at, start, step, 0.0, potential, tiny=tiny)
     if potential is None and not tiny:
         assert alpha == 1.0  # nothing tells how far it may go
     else:
-        assert alpha == 2**12 or 0.5 < found.y[0, 0] < 1.5
-        assert double_well(found.y) < 0.2
+        assert alpha == 2**12 or 0.5 < result.y[0, 0] < 1.5
+        assert double_well(result.y) < 0.2
     _, alpha = find_step(NodeSums(), at, start, step, 0.0, potential, longest=4.0, tiny=tiny)
     assert alpha <= 4.0
 

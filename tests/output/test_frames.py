@@ -21,10 +21,8 @@ from fecloth.output.frame_reader import Series
 from fecloth.output.frames import Frames, read_frame, write_vtk
 from fecloth.verify import trial_states
 
-POINT_DATA = {"displacement", "velocity", "reference"}
 SHAPE = {"E11", "E22", "E12", "principal_stretches", "warp", "weft", "strain_tensor", "quality"}
 KINEMATIC = SHAPE | {"region"}
-MATERIAL = {"S11", "S22", "S12", "stress_tensor", "principal_stresses", "energy_density"}
 
 
 @pytest.fixture(scope="module")
@@ -144,20 +142,6 @@ def test_the_triangles_of_several_pieces_have_its_number(system):
 # --- read back ------------------------------------------------------------------------------------
 
 
-def test_meshio_reads_the_same_numbers(system, states, tmp_path):
-    write_vtk(tmp_path / "swing.pvd", system.cloth, states, system)
-    mesh = meshio.read(tmp_path / "swing_000001.vtu")
-    points, cells = fields(system, states[1])
-    np.testing.assert_array_equal(mesh.points, states[1].x)
-    np.testing.assert_array_equal(mesh.cells_dict["triangle"], system.cloth.triangles)
-    assert set(mesh.point_data) == POINT_DATA | {"held", "recovered_stress"}
-    assert set(mesh.cell_data) == KINEMATIC | MATERIAL
-    for name, value in points.items():
-        np.testing.assert_array_equal(mesh.point_data[name], stored(name, value))
-    for name, value in cells.items():
-        np.testing.assert_array_equal(mesh.cell_data[name][0], stored(name, value))
-
-
 def test_a_frame_is_written_in_no_more_than_copies(system, states, tmp_path):
     """No array is compressed, and what does not belong to the state has 4 bytes a number."""
     file = write_vtk(tmp_path / "a", system.cloth, states[0], system).with_name("a_000000.vtu")
@@ -208,17 +192,6 @@ def test_lists_name_every_frame_at_its_time(system, states, tmp_path):
     }
     assert set(meshio.read(files[0]).cell_data) == SHAPE  # no system, no stress
     assert not list(tmp_path.rglob("*.part"))
-
-
-def test_write_vtk_refuses_states_of_another_cloth(system, states, tmp_path):
-    other = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-    with pytest.raises(InputError, match=r"shape \(9, 3\)"):
-        write_vtk(tmp_path / "a", other, states)
-    with pytest.raises(InputError, match=r"tuple.*State"):
-        write_vtk(tmp_path / "a", system.cloth, [(states[0], None)])
-    with pytest.raises(InputError, match="at least one"):
-        write_vtk(tmp_path / "a", system.cloth, [])
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_frame_read_back_is_the_state(system, states, tmp_path):

@@ -75,12 +75,12 @@ def test_vtk_reads_every_value_at_every_time(element, cell, tmp_path):
         assert kind == cell
         assert np.array_equal(points, state.x)
         assert np.array_equal(cells, system.cloth.cells)
-        for found, wanted in zip((point_data, cell_data), fields(system, state), strict=True):
-            assert found.keys() == wanted.keys()
+        for result, wanted in zip((point_data, cell_data), fields(system, state), strict=True):
+            assert result.keys() == wanted.keys()
             for name, values in wanted.items():
-                stored = values if name == "velocity" else values.astype(found[name].dtype)
-                assert np.array_equal(found[name], stored), (name, state.t)
-                assert found[name].dtype.itemsize <= (8 if name == "velocity" else 4)
+                stored = values if name == "velocity" else values.astype(result[name].dtype)
+                assert np.array_equal(result[name], stored), (name, state.t)
+                assert result[name].dtype.itemsize <= (8 if name == "velocity" else 4)
 
 
 def test_the_topology_is_shared(tmp_path):

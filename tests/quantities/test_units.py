@@ -16,9 +16,7 @@ from fecloth.quantities.units import (
     MOMENT,
     PER_ANGLE,
     PER_WIDTH,
-    PRESSURE,
     RATE,
-    SPEED,
     TIME,
     Dimension,
     is_quantity,
@@ -29,45 +27,29 @@ from fecloth.scene.scene import Scene, load_scene
 from fecloth.scene.table_model import Made
 
 KILOPOND, INCH, POUND = 9.80665, 0.0254, 0.45359237
-ALL = {name: one for name, one in vars(units).items() if isinstance(one, Dimension)}
+ALL = {name: each for name, each in vars(units).items() if isinstance(each, Dimension)}
 
 
 @pytest.mark.parametrize(
     ("text", "dimension", "expected"),
     [
-        ("150 g/m^2", AREAL, 0.15),
         ("150g/m²", AREAL, 0.15),
-        ("20 mg/cm^2", AREAL, 20e-6 / 1e-4),
-        ("11 oz/yd^2", AREAL, 11 * POUND / 16 / (36 * INCH) ** 2),
-        ("2.5 kN/m", PER_WIDTH, 2500.0),
         (".5 N/mm", PER_WIDTH, 500.0),
-        ("500 gf/cm", PER_WIDTH, 0.5 * KILOPOND / 0.01),
         ("1.2e3 N/m", PER_WIDTH, 1200.0),
         ("0.8 gf/(cm·deg)", PER_ANGLE, 0.8e-3 * KILOPOND / 0.01 / math.radians(1)),
-        ("9.6 uN*m", MOMENT, 9.6e-6),
         ("9.6 µN·m", MOMENT, 9.6e-6),
         ("9.6 μN m", MOMENT, 9.6e-6),
         ("1 gf*cm^2/cm", MOMENT, 1e-3 * KILOPOND * 0.01**2 / 0.01),
         ("0.03 gf cm/cm", HYSTERESIS, 0.03e-3 * KILOPOND),
-        ("3 ft", LENGTH, 36 * INCH),
         ("20 µm", LENGTH, 2e-5),
-        ("1.5 h", TIME, 5400.0),
-        ("36 km/h", SPEED, 10.0),
-        ("1 mph", SPEED, 63360 * INCH / 3600),
-        ("5 mbar", PRESSURE, 500.0),
-        ("1 psi", PRESSURE, POUND * KILOPOND / INCH**2),
         ("30 1/min", RATE, 0.5),
         ("51/s", RATE, 51.0),
-        ("2.5 1/s", RATE, 2.5),
-        ("2 L", units.VOLUME, 2e-3),
         ("2 cm³", units.VOLUME, 2e-6),
         ("3 Pa s²/m²", units.DENSITY, 3.0),
-        ("1.2 kg/m³", units.DENSITY, 1.2),
-        ("2 mN*s/m", units.DAMPER, 2e-3),
         ("-2 gf", units.FORCE, -2e-3 * KILOPOND),
     ],
 )
-def test_units_are_their_definitions(text, dimension, expected):
+def test_units_may_be_spelt_in_several_ways(text, dimension, expected):
     assert quantity("x", text, dimension) == pytest.approx(expected, rel=1e-12)
 
 
@@ -105,9 +87,9 @@ def taken_apart(unit):
 
 @pytest.mark.parametrize("name", ALL)
 def test_derived_units_equal_their_definitions(name):
-    """All units of a table measure the same, and each has the value of its parts."""
-    same, one = taken_apart(ALL[name].si)
-    assert one == 1.0
+    """All units of a table measure the same, and factor has the value of its parts."""
+    same, factor = taken_apart(ALL[name].si)
+    assert factor == 1.0
     for unit, value in ALL[name].units.items():
         powers, expected = taken_apart(unit)
         assert powers == same, unit
@@ -155,15 +137,15 @@ def parts(hint):
     return [hint, *(part for arg in get_args(hint) for part in parts(arg))]
 
 
-def tables(model, found):
+def tables(model, result):
     """Every table that a scene may hold, by its class's name."""
-    found[model.__name__] = model
+    result[model.__name__] = model
     for field in model.model_fields.values():
         for part in parts(field.annotation):
             inside = isinstance(part, type) and issubclass(part, BaseModel)
-            if inside and part.__name__ not in found:
-                tables(part, found)
-    return found
+            if inside and part.__name__ not in result:
+                tables(part, result)
+    return result
 
 
 TABLES = tables(Scene, {})
@@ -199,7 +181,7 @@ def test_the_docstring_of_the_object_names_the_unit_of_the_key(name):
     model, key, field = KEYS[name]
     for dimension in type_words.dimensions(field):
         beside = [other for other, _ in dimension.only]  # UserForce says it where it explains `per`
-        said = set().union(*(documented(model.makes, one) for one in (key, *beside)))
+        said = set().union(*(documented(model.makes, each) for each in (key, *beside)))
         assert said & {unit for unit, value in dimension.units.items() if value == 1}, dimension.si
 
 
@@ -211,7 +193,7 @@ def test_every_key_is_read_in_every_unit_of_its_own(name):
             written = {**dict(dimension.only), key: f"2 {unit}"}
             single = type_words.in_si(written, model.model_fields)[key]
             listed = type_words.in_si(written | {key: (f"2 {unit}",)}, model.model_fields)[key]
-            read = [one for one in (single, *listed) if one != f"2 {unit}"]
+            read = [each for each in (single, *listed) if each != f"2 {unit}"]
             assert read
             assert read == pytest.approx([2 * value] * len(read))
 
@@ -311,7 +293,6 @@ IN_PYTHON = [
     (lambda: fc.Fabric("150 g/m²", ("20 N/cm", 900), shear_stiffness="0.06 kN/m"),
      fc.Fabric(0.15, (2000.0, 900), shear_stiffness=60.0)),
     (lambda: fc.Gravity((0, 0, "-981 cm/s^2")), fc.Gravity((0, 0, -9.81))),
-    (lambda: fc.Gravity(acceleration=(0, 0, "-9.81 m/s^2")), fc.Gravity((0, 0, -9.81))),
     (lambda: fc.Pressure("5 mbar"), fc.Pressure(500.0)),
     (lambda: fc.Pressure("5 * t"), fc.Pressure("5 * t")),
     (lambda: fc.Wind(["18 km/h", "0.1 * t", 0], normal="0.7 g/L", gust_length="50 cm"),
@@ -319,12 +300,6 @@ IN_PYTHON = [
     (lambda: fc.Drag("2 Pa s/m", law="linear"), fc.Drag(2.0, law="linear")),
     (lambda: fc.PointForce(("25 cm", "0.5 m"), ("1 gf", 0, "t")),
      fc.PointForce((0.25, 0.5), (9.80665e-3, 0, "t"))),
-    (lambda: fc.EdgeForce("left", ("2 gf/cm", 0, "t")),
-     fc.EdgeForce("left", (1.96133, 0, "t"))),
-    (lambda: fc.EdgeForce("left", normal="3 kN/m"), fc.EdgeForce("left", normal=3000.0)),
-    (lambda: fc.PointForce("left", (0, 0, 1)), fc.PointForce("left", (0, 0, 1))),
-    (lambda: fc.PointForce([1, 2], (0, 0, "1 N")), fc.PointForce([1, 2], (0, 0, 1.0))),
-    (lambda: fc.UserForce((0, 0, "2 mN"), per="node"), fc.UserForce((0, 0, 0.002), per="node")),
     (lambda: fc.StrainRateDamping("2 ms", fc.TensorCondition("2.5 N/cm")),
      fc.StrainRateDamping(0.002, fc.TensorCondition(250.0))),
 ]  # fmt: skip

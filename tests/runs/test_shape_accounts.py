@@ -40,7 +40,7 @@ def scene(tmp_path_factory):
 def run(scene, name, *overrides):
     """The summary and the rows of strains.csv of a run of the command line."""
     out = scene.parent / name
-    given = [word for one in overrides for word in ("--set", one)]
+    given = [word for each in overrides for word in ("--set", each)]
     assert main(["run", str(scene), "-o", str(out), "--overwrite", "-v", *given]) == 0
     with (out / "strains.csv").open() as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
@@ -57,7 +57,7 @@ def test_a_cloth_that_passes_through_itself_is_reported_once(scene, capsys):
     assert summary["largest_stretch"] == max(row["largest"] for row in rows)
     assert summary["inverted_triangles"] == max(row["inverted"] for row in rows)
     words = f"the cloth passes through itself from t = {first:g} s ("
-    assert [words in one for one in summary["warnings"]].count(True) == 1
+    assert [words in each for each in summary["warnings"]].count(True) == 1
     assert "without SelfContact" in printed.err
     assert f"{np.nanmax(counts):.0f} intersecting pairs, in any frame" in printed.out
     folder = scene.parent / "through"
@@ -70,7 +70,7 @@ def test_a_cloth_that_passes_through_itself_is_reported_once(scene, capsys):
 
 def test_a_calm_cloth_has_no_warning(scene, capsys):
     summary, _ = run(scene, "calm", CALM)
-    assert not any(kind in one for one in summary["warnings"] for kind in ("passes", "wrinkles"))
+    assert not any(kind in each for each in summary["warnings"] for kind in ("passes", "wrinkles"))
     assert summary["intersecting_pairs"] == summary["inverted_triangles"] == 0
     assert "at most 0 triangles turned over and 0 intersecting pairs" in capsys.readouterr().out
     assert 0.99 < summary["least_stretch"] <= summary["largest_stretch"] < 1.01
@@ -141,9 +141,9 @@ WRINKLES = [  # overrides, words of the warning or ""
 @pytest.mark.parametrize(("overrides", "words"), WRINKLES)
 def test_wrinkles_as_fine_as_the_mesh_cause_a_warning(overrides, words, scene):
     system = load_scene(scene, [CALM, *overrides]).build().system
-    found = doubt_wrinkles(system, 0.5, 0.9, 0.1, 1.0)
-    assert words in str(found or "")
-    assert bool(found) == bool(words)
+    result = doubt_wrinkles(system, 0.5, 0.9, 0.1, 1.0)
+    assert words in str(result or "")
+    assert bool(result) == bool(words)
 
 
 @pytest.mark.parametrize(("waves", "warned"), [(2.0, False), (17.0, True)])

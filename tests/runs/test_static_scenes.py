@@ -104,11 +104,11 @@ def shadow(problem, state):
 
 
 def test_one_load_step_is_the_python_call(scene, tmp_path):
-    one = load_scene(scene, ["equilibrium.load_steps=1"])
-    run_scene(one, tmp_path / "one")
-    problem = one.build()
-    found = fc.equilibrium(problem.system, problem.start)
-    np.testing.assert_array_equal(last_frame(tmp_path / "one", problem, 1).x, found.x)
+    loaded = load_scene(scene, ["equilibrium.load_steps=1"])
+    run_scene(loaded, tmp_path / "one")
+    problem = loaded.build()
+    result = fc.equilibrium(problem.system, problem.start)
+    np.testing.assert_array_equal(last_frame(tmp_path / "one", problem, 1).x, result.x)
 
 
 @pytest.mark.stories
@@ -160,7 +160,7 @@ def test_the_loads_of_one_step_are_no_long_step_in_time(recwarn):
     terms = [fc.StVK(), fc.Gravity(), fc.HingeBending()]
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0, bending_rigidity=1e-4), terms, ["boundary"])
     fc.run(system, LoadSteps(), system.rest(), t_end=1.0)
-    assert not [one for one in recwarn if "is large" in str(one.message)]
+    assert not [each for each in recwarn if "is large" in str(each.message)]
     with pytest.warns(fc.FeclothWarning, match="dt = 1 s is large"):
         fc.run(system, fc.BackwardEuler(), system.rest(), dt=1.0, t_end=1.0)
 
@@ -177,11 +177,11 @@ def test_check_compares_the_equilibrium(scene, capsys):
 
 
 def test_the_resolved_scene_is_the_scene(scene, tmp_path):
-    one = load_scene(scene, ["equilibrium.tolerance=1e-8", "solver.linear=superlu"])
+    loaded = load_scene(scene, ["equilibrium.tolerance=1e-8", "solver.linear=superlu"])
     resolved = tmp_path / "resolved.toml"
-    resolved.write_text(one.to_toml())
+    resolved.write_text(loaded.to_toml())
     again = load_scene(resolved)
-    assert again == one
+    assert again == loaded
     assert again.time is None
     assert again.schedule.steps() == LoadSteps(4, 1e-8)
 
@@ -189,7 +189,7 @@ def test_the_resolved_scene_is_the_scene(scene, tmp_path):
 def test_an_unstable_equilibrium_is_warned_of(scene, tmp_path, capsys):
     """A sheet squeezed in its plane, with no force across: flat, and about to buckle."""
     flat = ["terms=[{type='StVK'}]", "start.position=['0.99 * X', 'Y', '0']"]
-    sets = [word for one in flat for word in ("--set", one)]
+    sets = [word for each in flat for word in ("--set", each)]
     assert main(["run", str(scene), "-o", "out", *sets]) == 0
     words = "the equilibrium is unstable: the least eigenvalue of K is -"
     assert f"warning: {words}" in capsys.readouterr().err
@@ -213,7 +213,7 @@ def test_stability_without_stiffness_and_without_freedom():
 
 def test_a_load_without_a_balance_fails_and_leaves_what_it_has(scene, tmp_path, capsys):
     sets = ["terms=[{type='StVK'}, {type='Gravity'}]", "pins=[]"]
-    words = [word for one in sets for word in ("--set", one)]
+    words = [word for each in sets for word in ("--set", each)]
     assert main(["run", str(scene), "-o", "out", "--quiet", *words]) == 3
     printed = capsys.readouterr().err
     assert "of the loads, failed: load stepping ended at 0 of the loads: nothing holds" in printed

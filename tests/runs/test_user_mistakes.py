@@ -346,9 +346,9 @@ def test_resume_is_not_proposed_without_restart_files(scene, capsys):
 
 @pytest.mark.stories
 def test_interrupted_run_prints_how_to_resume(scene):
-    one = "--set", "solver.linear=superlu", "--set", "solver.reuse=false"
-    assert main(["run", "sheet.toml", "-o", "whole", "--quiet", *one]) == 0
-    child = process("sheet.toml", "-o", "out", *one)
+    options = "--set", "solver.linear=superlu", "--set", "solver.reuse=false"
+    assert main(["run", "sheet.toml", "-o", "whole", "--quiet", *options]) == 0
+    child = process("sheet.toml", "-o", "out", *options)
     when(lambda: Path("out/run.log").exists(), child)
     time.sleep(random.uniform(0, 0.1))
     os.kill(child.pid, signal.SIGTERM)
@@ -356,7 +356,7 @@ def test_interrupted_run_prints_how_to_resume(scene):
     if status != 0:  # it was too late
         assert status == 4
         assert "--resume out goes on from t = " in words
-        assert main(["run", "sheet.toml", "--resume", "out", "--quiet", *one]) == 0
+        assert main(["run", "sheet.toml", "--resume", "out", "--quiet", *options]) == 0
     assert written("out") == written("whole")
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.errors import InputError, SceneError
 from fecloth.scene.scene import load_scene
 
 TEXT = """
@@ -73,11 +72,11 @@ def test_forces_of_pieces_are_those_of_each_alone(element, rng):
         (len(cloth.X), 3)
     )
     whole = fc.System(cloth, fabric, terms)
-    found = whole.force(whole.state(x))
+    result = whole.force(whole.state(x))
     for name, piece in zip(("lower", "upper"), pieces, strict=True):
         own, alone = cloth.nodes(name), fc.System(piece, fabric, terms)
         expected = alone.force(alone.state(x[own]))
-        assert abs(found[own] - expected).max() < 1e-12 * abs(expected).max()
+        assert abs(result[own] - expected).max() < 1e-12 * abs(expected).max()
 
 
 def test_the_text_of_a_scene_gives_the_same_scene(tmp_path):
@@ -88,25 +87,3 @@ def test_the_text_of_a_scene_gives_the_same_scene(tmp_path):
     assert (
         load_scene(again, ["cloth.pieces.upper.radius=0.12"]).cloth.pieces["upper"].radius == 0.12
     )
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("[cloths.lower]", "[cloth]", "give one of them"),
-        ("[time]", "[start]\nshift = [0, 0, 1]\n[time]", "is for one piece"),
-        ('"lower/left"', '"left"', "lower/left"),
-        ("[fabrics.upper]", "[fabrics.other]", "other"),
-        ("radius = 0.1", "radius = -0.1", "cloth.pieces.upper.radius"),
-        ('element = "ELEMENT"\nstart', 'element = "P2"\nstart', "must have one element"),
-    ],
-)
-def test_mistakes_are_named(old, new, message, tmp_path):
-    with pytest.raises(SceneError, match=message):
-        load_scene(written(tmp_path, TEXT.replace(old, new, 1))).build()
-
-
-def test_a_study_of_the_mesh_of_pieces_is_refused_with_its_remedy(tmp_path):
-    scene = load_scene(written(tmp_path, TEXT.replace("ELEMENT", "P1")))
-    with pytest.raises(InputError, match="open a function of h in Python"):
-        fc.study.of(scene).converge("max probe.z", refine="h")

@@ -19,12 +19,12 @@ REMEDY = re.compile(r"^# remedy: (.+)$", re.MULTILINE)
 
 def lines(pattern):
     """(scene, what the pattern finds) for each line of a head that it finds."""
-    found = []
+    result = []
     for path in sorted(SCENES.glob("*.toml")):
         of_scene = pattern.findall(path.read_text(encoding="utf-8"))
         assert of_scene, path
-        found += [(path.stem, line) for line in of_scene]
-    return found
+        result += [(path.stem, line) for line in of_scene]
+    return result
 
 
 def called(command, name, text, folder):

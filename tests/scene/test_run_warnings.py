@@ -138,7 +138,7 @@ def test_plan_states_weight_over_bending_stiffness(
     overrides, length, rigidity, words, scene, capsys
 ):
     number = 0.2 * 9.81 * length**3 / rigidity
-    assert main(["info", str(scene), *(f"--set={one}" for one in overrides)]) == 0
+    assert main(["info", str(scene), *(f"--set={each}" for each in overrides)]) == 0
     told = (
         f"weight over bending stiffness: ρ g L³/B = {number:.3g} with L = {length:.3g} m, {words}"
     )

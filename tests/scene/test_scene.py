@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.sparse import csr_matrix
 from support.drawn import drawn
 
 import fecloth as fc
@@ -36,19 +34,6 @@ def file(tmp_path):
     path = tmp_path / "test.toml"
     path.write_text(TEXT)
     return path
-
-
-def test_expectations_are_required_by_check_only(file):
-    scene = load_scene(file, ["expect.sag.at=3"])
-    scene.build()
-    with pytest.raises(
-        fc.SceneError, match=r"expect.sag.at = 3.0: must be at most time.t_end = 0.1"
-    ):
-        scene.require_expectations()
-    with pytest.raises(fc.SceneError, match=r"no \[expect\] table"):
-        load_scene(file, ["expect={}"]).require_expectations()
-    with pytest.raises(fc.SceneError, match=r"at = 0.01: must be at least time.t_start = 0.05"):
-        load_scene(file, ["expect.sag.at=0.01", "time.t_start=0.05"]).require_expectations()
 
 
 def refusal(path, *overrides) -> str:
@@ -238,17 +223,6 @@ def test_several_mistakes_are_reported_one_a_line(file):
         ] * 4
         for key in ("time.dt = 0", "mass = 3", "title = 3", "fabric.areal_density = -1"):
             assert sum(f": {key}" in line for line in lines) == 1
-
-
-def test_all_unknown_or_missing_keys_of_a_table_are_reported(file):
-    lines = refusal(file, "time.t_ende=1", "time.metod=3").splitlines()
-    assert [("t_ende" in line, "metod" in line) for line in lines] == [(True, True)] * 2
-    assert [line.split(": ")[1] for line in lines] == ["time.t_ende = 1", "time.metod = 3"]
-    lines = refusal(file, "cloth={shape='disk'}").splitlines()
-    assert [line.split(": ")[1] for line in lines] == [
-        "cloth.radius is missing",
-        "cloth.h is missing",
-    ]
 
 
 UNCLOSED = "not TOML ({}). A text has no closing quotation mark."
@@ -497,52 +471,6 @@ def test_trampoline_expects_the_axisymmetric_solution():
     reference = trampoline([e.at for e in expected], elements=800).mean_deflection
     assert [-e.value for e in expected] == pytest.approx(reference, abs=5e-6)
     assert max(e.tolerance for e in expected) <= 3e-3 * 0.0237
-
-
-def chain(times, links, length, tensile_stiffness, damping_time, areal_density, gravity=9.81):
-    """Mean deflection of a chain, held at one end and let go from level.
-
-    A strip of unit width that moves in a plane: links of the law S = Y (E + τ Ė), E = (λ² − 1)/2,
-    with the mass between them, in scipy's BDF.
-    """
-    h = length / links
-    share = np.full(links, 1.0)
-    share[-1] = 0.5
-
-    def rate(_, y):
-        x, v = y.reshape(2, links, 2)
-        d, r = np.diff(x, axis=0, prepend=0) / h, np.diff(v, axis=0, prepend=0) / h
-        strain, strain_rate = (np.sum(d * d, axis=1) - 1) / 2, np.sum(d * r, axis=1)
-        pull = d * (tensile_stiffness * (strain + damping_time * strain_rate))[:, None]
-        force = np.append(pull[1:], [[0, 0]], axis=0) - pull
-        return np.stack([v, force / (areal_density * h * share)[:, None] - [0, gravity]]).ravel()
-
-    start = np.zeros((2, links, 2))
-    start[0, :, 0] = h * np.arange(1, links + 1)
-    link = np.arange(4 * links) % (2 * links) // 2
-    near = csr_matrix((np.abs(link[:, None] - link) <= 1).astype(float))
-    options = {"method": "BDF", "rtol": 1e-6, "atol": 1e-8, "jac_sparsity": near}
-    result = solve_ivp(rate, (0, times[-1]), start.ravel(), t_eval=times, **options)
-    return share @ result.y[1 : 2 * links : 2] / links
-
-
-@pytest.mark.stories
-def test_swing_expects_the_motion_of_a_chain():
-    scene = _expected("swing")
-    expected = scene.expect["mean_displacement.z"]
-    fabric, damping = scene.fabric, scene.terms[1].time
-    reference = chain(
-        [e.at for e in expected],
-        40,
-        scene.cloth.width,
-        fabric.tensile_stiffness,
-        damping,
-        fabric.areal_density,
-    )
-    assert fabric.poisson_ratio == 0.0
-    assert [e.value for e in expected] == pytest.approx(reference, rel=1e-3)
-    free_fall = scene.expect["tip.z"][0]
-    assert free_fall.value == pytest.approx(-9.81 * free_fall.at**2 / 2, rel=1e-6)
 
 
 # --- steps that are chosen ------------------------------------------------------------------------

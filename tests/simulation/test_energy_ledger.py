@@ -145,5 +145,5 @@ def test_a_probe_between_nodes_is_on_the_quadratic_surface(quadratic, isotropic)
     z = basis.interpolator(result.state.x[:, 2])(np.array([[0.21], [0.13]]))
     assert result.observed["at.z"][-1] == pytest.approx(z[0], rel=1e-10)
     mean = cloth.load() @ (result.state.x - start.x) / 0.06
-    found = [result.observed[f"mean_displacement.{c}"][-1] for c in "xyz"]
-    np.testing.assert_allclose(found, mean, rtol=1e-9, atol=1e-14)
+    answer = [result.observed[f"mean_displacement.{c}"][-1] for c in "xyz"]
+    np.testing.assert_allclose(answer, mean, rtol=1e-9, atol=1e-14)

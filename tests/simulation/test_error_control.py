@@ -47,8 +47,8 @@ def independent(system, start):
         return np.concatenate([v, f.ravel()[free] / mass])
 
     y0 = np.concatenate([start.x.ravel()[free], start.v.ravel()[free]])
-    found = solve_ivp(rate, (0, T_END), y0, method="DOP853", rtol=1e-11, atol=1e-13)
-    return full(found.y[: len(free), -1], start.x)
+    result = solve_ivp(rate, (0, T_END), y0, method="DOP853", rtol=1e-11, atol=1e-13)
+    return full(result.y[: len(free), -1], start.x)
 
 
 def rms(system, y):

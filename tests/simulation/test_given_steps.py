@@ -23,8 +23,12 @@ def taken(system, method, dt=None, t_end=0.2, **known):
     return list(fc.march(system, method, system.rest(), dt, t_end, **solver, **known))
 
 
-def same(one, other):
-    return one.t == other.t and np.array_equal(one.x, other.x) and np.array_equal(one.v, other.v)
+def same(first, second):
+    return (
+        first.t == second.t
+        and np.array_equal(first.x, second.x)
+        and np.array_equal(first.v, second.v)
+    )
 
 
 @pytest.mark.parametrize(
@@ -46,8 +50,8 @@ def test_a_run_with_chosen_steps_is_repeated_bit_for_bit(method, system):
     inner = getattr(method, "method", method)
     again = taken(system, inner, sizes, stops=stops)
     assert len(again) == len(chosen)
-    for (one, _), (other, info) in zip(chosen, again, strict=True):
-        assert same(one, other)
+    for (first, _), (second, info) in zip(chosen, again, strict=True):
+        assert same(first, second)
         assert info.size in sizes
     without_end = taken(system, inner, np.array(sizes), None, stops=stops)
     assert np.array_equal(without_end[-1][0].x, chosen[-1][0].x)

@@ -52,8 +52,8 @@ def carried():
         return np.concatenate([v.ravel(), a.ravel(), [pull @ velocity(t), damping.power(x, v, t)]])
 
     start = np.concatenate([rest.x.ravel(), np.zeros(n + 2)])
-    found = solve_ivp(rate, (0, T_END), start, "DOP853", rtol=1e-9, atol=1e-11, dense_output=True)
-    return system, lambda t: np.vstack([found.sol(t)[2 * n :], np.zeros_like(t)])
+    result = solve_ivp(rate, (0, T_END), start, "DOP853", rtol=1e-9, atol=1e-11, dense_output=True)
+    return system, lambda t: np.vstack([result.sol(t)[2 * n :], np.zeros_like(t)])
 
 
 def errors_of(carried, method, dt):

@@ -78,8 +78,8 @@ def test_a_cone_over_an_obstacle(shape):
     x = lifted(DISC, lambda r, theta: -np.maximum(r - HELD, 0) * math.sin(alpha), slope)
     rim, support = HELD + (1 - HELD) * math.cos(alpha), math.pi * HELD**2
     expected = (DISC.area * rim**2 - support) / (DISC.area - support)  # of the polygon
-    found = drape(x, pins=(), terms=[fc.Obstacle(body)])["drape_coefficient"]
-    assert found == pytest.approx(expected, rel=1e-4)
+    result = drape(x, pins=(), terms=[fc.Obstacle(body)])["drape_coefficient"]
+    assert result == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize(("part", "counts"), [(0.8, True), (1.25, False)])

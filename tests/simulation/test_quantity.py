@@ -78,9 +78,9 @@ def test_differences_of_vectors_paths_and_numbers():
     )
     shifted = record(other | {"tip.x": other["tip.x"] + 5})  # another place, the same motion
     path = parse_quantity("path of tip")
-    for one in (b, shifted):
+    for each in (b, shifted):
         assert_allclose(
-            difference_of(path, a, one), np.hypot(0.15, 0.4) * np.sqrt(4 / 3), rtol=5e-3
+            difference_of(path, a, each), np.hypot(0.15, 0.4) * np.sqrt(4 / 3), rtol=5e-3
         )
     assert_allclose(difference_of(parse_quantity("tip.x"), a, shifted), 0.3)
     assert relative_difference(parse_quantity("tip.y"), a, b) == 0

@@ -28,6 +28,6 @@ def test_the_rigid_part_of_a_field_is_taken_out():
 def test_points_on_a_line_cannot_be_turned_about_it():
     x = np.outer(np.linspace(0, 1, 9), [1.0, 2.0, 0.0])
     y = np.outer(np.linspace(0, 1, 9) ** 2, [0.0, 0.0, 1.0])
-    found = rms_without_rigid(np.ones(9), x, y)
+    result = rms_without_rigid(np.ones(9), x, y)
     line = np.polyval(np.polyfit(np.linspace(0, 1, 9), y[:, 2], 1), np.linspace(0, 1, 9))
-    assert found == pytest.approx(np.sqrt(np.mean((y[:, 2] - line) ** 2)), rel=1e-9)
+    assert result == pytest.approx(np.sqrt(np.mean((y[:, 2] - line) ** 2)), rel=1e-9)

@@ -36,10 +36,10 @@ def cloth():
     return fc.Cloth.rectangle(1.0, 0.8, h=0.03, pattern="unstructured")
 
 
-def same(one, other):
+def same(item, other):
     """Whether two results have the same states and the same ledger, to the last bit."""
-    states = all(np.array_equal(getattr(one.state, k), getattr(other.state, k)) for k in "xv")
-    ledgers = [{k: np.asarray(v) for k, v in each.energies.items()} for each in (one, other)]
+    states = all(np.array_equal(getattr(item.state, k), getattr(other.state, k)) for k in "xv")
+    ledgers = [{k: np.asarray(v) for k, v in each.energies.items()} for each in (item, other)]
     return states and all(np.array_equal(ledgers[0][k], ledgers[1][k]) for k in ledgers[0])
 
 

@@ -77,9 +77,9 @@ def test_a_stretch_beyond_the_bound_ends_the_run(sheet):
     march = fc.march(system, fc.BackwardEuler(), system.rest(), 0.01, 0.3, most_stretch=2.0)
     with pytest.raises(fc.StepFailed, match=r"stretched to .* times, beyond 2") as failure:
         list(march)
-    good = failure.value.state
-    assert 0.05 < good.t < 0.15
-    assert largest_stretch(system.cloth, good.x) <= 2.0
+    right = failure.value.state
+    assert 0.05 < right.t < 0.15
+    assert largest_stretch(system.cloth, right.x) <= 2.0
 
 
 def test_largest_stretch(sheet, rng):
@@ -97,11 +97,11 @@ def test_unexplained_growth_of_energy_ends_the_run_early(sheet):
     dt = 1.05 * fc.critical_dt(system, start, method)
     with pytest.raises(fc.StepFailed, match=r"the method has made the rest") as failure:
         fc.run(system, method, start, dt, 2.0)
-    good = failure.value.state
-    assert largest_stretch(system.cloth, good.x) < 3.0
+    right = failure.value.state
+    assert largest_stretch(system.cloth, right.x) < 3.0
     weight = 9.81 * system.nodal_mass
-    fallen = weight @ (start.x - good.x)[:, 2]
-    kinetic = 0.5 * system.nodal_mass @ (good.v**2).sum(axis=1)
+    fallen = weight @ (start.x - right.x)[:, 2]
+    kinetic = 0.5 * system.nodal_mass @ (right.v**2).sum(axis=1)
     assert kinetic < 2 * MOST_GROWTH * abs(fallen)
 
 

@@ -83,7 +83,7 @@ def errors(method, system, at, dt, t_end):
         warnings.simplefilter("ignore", fc.FeclothWarning)
         start = system.state(x, v)
         result = fc.run(system, method, start, dt, t_end, newton=TIGHT, report=report)
-    largest = max(rms(weights, one - x) for _, one in seen)
+    largest = max(rms(weights, each - x) for _, each in seen)
     return estimate_of(result), max(far for far, _ in seen) / largest
 
 
@@ -136,9 +136,9 @@ def test_the_step_that_is_proposed_gives_at_most_one_per_cent(name, omega_dt):
     system, at, omega = vibration()
     t_end = 2 * math.pi * PERIODS / omega
     start = system.state(*at(0.0))
-    with pytest.warns(fc.FeclothWarning, match="would give at most 1 %") as found:
+    with pytest.warns(fc.FeclothWarning, match="would give at most 1 %") as result:
         fc.run(system, CASES[name], start, omega_dt / omega, t_end, newton=TIGHT)
-    (words,) = (str(one.message) for one in found if "would give" in str(one.message))
+    (words,) = (str(each.message) for each in result if "would give" in str(each.message))
     dt = float(words.split("dt = ")[1].split()[0])
     _, true = errors(CASES[name], system, at, dt, t_end)
     assert 0.005 < SampledError.safety * true < 0.02
@@ -258,8 +258,8 @@ def test_a_jump_of_a_load_is_found_before_the_run(load):
 
 
 def test_many_jumps_of_a_load_are_found():
-    found = jumps_of(fc.Pressure("sign(cos(1000*pi*t))"))
-    assert found == pytest.approx((np.arange(100) + 0.5) * 1e-3, rel=1e-6)
+    result = jumps_of(fc.Pressure("sign(cos(1000*pi*t))"))
+    assert result == pytest.approx((np.arange(100) + 0.5) * 1e-3, rel=1e-6)
 
 
 def words_of(most, dt=0.01, jump=math.inf):

@@ -27,8 +27,8 @@ def pushed_together(h, terms):
     return result.doubts, np.sqrt(system.nodal_mass @ result.state.x[:, 2] ** 2 / system.total_mass)
 
 
-def wrinkles(found):
-    return [str(doubt) for doubt in found if doubt.kind is DoubtKind.WRINKLES]
+def wrinkles(result):
+    return [str(doubt) for doubt in result if doubt.kind is DoubtKind.WRINKLES]
 
 
 @pytest.mark.parametrize(

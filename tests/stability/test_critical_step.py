@@ -1,4 +1,4 @@
-"""The largest stable step: against dense eigenvalues, against real runs, and its cheap bound."""
+"""The largest stable step: against dense eigenvalues and real runs, and estimates of it."""
 
 import numpy as np
 import pytest
@@ -110,7 +110,7 @@ def test_the_coded_methods_keep_to_it(small, isotropic, method, name, damping):
     assert largest[1] > 1e-5
 
 
-# --- the bound by rows ----------------------------------------------------------------------------
+# --- no limit -------------------------------------------------------------------------------------
 
 
 def test_system_without_stiffness_has_no_step_limit(sheet, isotropic):
@@ -118,7 +118,7 @@ def test_system_without_stiffness_has_no_step_limit(sheet, isotropic):
     assert critical_dt(system, system.rest()) == np.inf == element_bound(system)
 
 
-# --- names, forward Euler, Newmark's limit --------------------------------------------------------
+# --- forward Euler -------------------------------------------------------------------------------
 
 
 def first_order(K, D, M):

@@ -58,9 +58,6 @@ def test_where_strain_rate_damping_governs_it_falls_with_the_square_of_the_mesh_
     assert half == pytest.approx(2 * coarse, rel=0.02)
 
 
-# --- 2: forward Euler -----------------------------------------------------------------------------
-
-
 # --- 7: slivers -----------------------------------------------------------------------------------
 
 
@@ -86,6 +83,3 @@ def test_a_sliver_sets_the_step_of_the_whole_cloth():
     for method, dt in ((fc.CentralDifference(), None), (fc.BackwardEuler(), regular)):
         *_, (end, _) = fc.march(system, method, noisy(system), dt, 0.1)
         assert abs(end.x - flat(system.cloth)).max() < 100 * TINY
-
-
-# --- 10: a pin moved faster than the step resolves ------------------------------------------------

@@ -116,6 +116,6 @@ def sag_of_a_plate(B, q):
             y = y + step * rate(start + step / 2, y + step / 2 * rate(start, y))
         return y
 
-    zero, one = march(0.0), march(1.0)
-    curvature = -zero[2] / (one[2] - zero[2])
-    return (zero + curvature * (one - zero))[0]
+    zero, unit = march(0.0), march(1.0)
+    curvature = -zero[2] / (unit[2] - zero[2])
+    return (zero + curvature * (unit - zero))[0]

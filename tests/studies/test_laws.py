@@ -63,8 +63,8 @@ def free_sides(energy, s):
     """dW/dλ of the least W over the width, from W alone."""
 
     def least(stretch):
-        found = minimize_scalar(lambda w: energy(stretch, w), bounds=(0.3, 3.0), method="bounded")
-        return found.fun
+        result = minimize_scalar(lambda w: energy(stretch, w), bounds=(0.3, 3.0), method="bounded")
+        return result.fun
 
     return np.array([(least(t + 1e-4) - least(t - 1e-4)) / 2e-4 for t in s])
 
@@ -209,8 +209,8 @@ def test_rolled_triangles_keep_their_sides(pattern, height):
 @pytest.mark.stories
 def test_drag_and_lift_of_a_plate():
     degrees = np.array([0.0, 30.0, 55.0, 90.0])
-    found = law_curves.drag_and_lift(fc.Drag(normal=0.7, tangential=0.006), degrees)
+    result = law_curves.drag_and_lift(fc.Drag(normal=0.7, tangential=0.006), degrees)
     a, speed = np.radians(degrees), law_curves.SPEED
     n, t = 0.7 * (speed * np.sin(a)) ** 2, 0.006 * (speed * np.cos(a)) ** 2
     expected = np.stack([n * np.sin(a) + t * np.cos(a), n * np.cos(a) - t * np.sin(a)], axis=1)
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(result, expected, atol=1e-12)

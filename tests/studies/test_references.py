@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.polynomial import legendre
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 from scipy.optimize import brentq, minimize
 
 from studies.references.closed_forms import (
@@ -127,52 +126,6 @@ def test_trampoline_layer_at_the_rim_grows_like_t_to_the_five_thirds():
     assert np.log(lag[1] / lag[0]) / np.log(t[1] / t[0]) == pytest.approx(5 / 3, abs=0.03)
 
 
-def _spectral_mean(times, n):
-    """Mean deflection by n even polynomials over the whole disk and an adaptive Runge-Kutta.
-
-    Galerkin with u = R (1 − r²) Σ c P_k(2 r² − 1), w = (1 − r²) Σ c P_k(2 r² − 1), r = R/a.
-    """
-    a, stiffness, nu, density = DISK.values()
-    s, weight = legendre.leggauss(2 * n + 8)
-    square = ((s + 1) / 2)[:, None]
-    r = np.sqrt(square)
-    values = legendre.legvander(s, n - 1)
-    slopes = np.stack([legendre.legval(s, legendre.legder(c)) for c in np.eye(n)], axis=1)
-    w = (1 - square) * values
-    dw = (4 * r * (1 - square) * slopes - 2 * r * values) / a
-    u, du = a * r * w, w + a * r * dw
-    area = np.pi * a**2 * weight / 2
-    mass_u = density * (u.T * area) @ u
-    mass_w = density * (w.T * area) @ w
-    inverse_u, inverse_w = np.linalg.inv(mass_u), np.linalg.inv(mass_w)
-    load = density * GRAVITY * w.T @ area
-
-    def rate(_, state):
-        cu, cw, vu, vw = state.reshape(4, n)
-        stretch, slope, hoop = 1 + du @ cu, dw @ cw, 1 + w @ cu
-        strain_r = (stretch**2 + slope**2 - 1) / 2
-        strain_t = (hoop**2 - 1) / 2
-        stress_r = area * stiffness / (1 - nu**2) * (strain_r + nu * strain_t)
-        stress_t = area * stiffness / (1 - nu**2) * (strain_t + nu * strain_r)
-        force_u = -du.T @ (stress_r * stretch) - w.T @ (stress_t * hoop)
-        force_w = load - dw.T @ (stress_r * slope)
-        return np.concatenate([vu, vw, inverse_u @ force_u, inverse_w @ force_w])
-
-    start = np.zeros(4 * n)
-    solution = solve_ivp(
-        rate, (0, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-6, atol=1e-9
-    )
-    return area @ w @ solution.y[n : 2 * n] / (np.pi * a**2)
-
-
-@pytest.mark.stories
-def test_trampoline_against_global_polynomials():
-    times = np.array([0.03, 0.05, 0.08, 0.1])
-    mean = trampoline(times, **DISK).mean_deflection
-    # 7.6e-4 with 16 polynomials; 6e-5 with 48, which takes 4 s
-    assert np.abs(_spectral_mean(times, 16) / mean - 1).max() < 1e-3
-
-
 @pytest.mark.parametrize(("gamma", "softness"), [(5.0, 0.05), (20.0, 0.2)])
 def test_elastica_that_stretches_is_the_limit_of_a_chain(gamma, softness):
     """Links with the energy Y E²/2, hinges with θ²/(2 l): the least potential, in units of B/L."""
@@ -192,8 +145,8 @@ def test_elastica_that_stretches_is_the_limit_of_a_chain(gamma, softness):
 
     start = np.r_[np.zeros(links), np.ones(links)]
     options = {"maxiter": 20_000, "maxfun": 40_000, "ftol": 1e-15, "gtol": 1e-9}
-    found = minimize(potential, start, jac=True, method="L-BFGS-B", options=options)
-    angle, stretch = found.x.reshape(2, -1)
+    result = minimize(potential, start, jac=True, method="L-BFGS-B", options=options)
+    angle, stretch = result.x.reshape(2, -1)
     end = l * np.sum(stretch * np.cos(angle)), l * np.sum(stretch * np.sin(angle))
     _, reach, drop = heavy_elastica(gamma, softness=softness)
     assert (reach[-1], drop[-1]) == pytest.approx(end, abs=1e-4)

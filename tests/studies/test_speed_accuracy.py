@@ -7,11 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from studies.references.continuum import _pull, swinging_chain
-from studies.work_precision.__main__ import add_errors, distance
-from studies.work_precision.figures import front
+from studies.work_precision.__main__ import distance
 from studies.work_precision.runs import run
-from studies.work_precision.scenes import SCENES
-from studies.work_precision.tables import cheapest
 
 pytestmark = pytest.mark.stories
 
@@ -85,46 +82,3 @@ def test_a_run_of_every_kind_ends_at_the_same_path():
     counts = rows["ImplicitMidpoint"]
     # one residual for the guess of a step, and one for each iteration at least
     assert counts["force_evaluations"] >= counts["steps"] + counts["newton"]
-
-
-def test_the_error_is_split_and_the_cheapest_found():
-    scene = SCENES["wave"]("StVK", "P1", 0.5)
-    times = scene.times
-    exact = 2e-4 / np.pi * np.cos(math.pi / 2 * math.sqrt(5000) * times)
-    base = {"scene": "wave", "model": "StVK", "element": "P1", "status": "ok"}
-
-    def row(h, factor, seconds):
-        path = (factor * exact).tolist()
-        return base | {"h": h, "mean": path, "point": path, "seconds": seconds, "method": "x"}
-
-    fine = [row(0.2, 1.04, 1.0), row(0.1, 1.01, 1.0)]
-    rows = [row(0.2, 1.06, 0.5), row(0.1, 1.012, 3.0), row(0.1, 1.5, 0.1)]
-    add_errors(rows, fine, coarse=True)
-    first = rows[0]
-    assert first["total_error"] == pytest.approx(0.06)
-    assert first["time_error"] == pytest.approx(0.02 / 1.04)
-    assert first["space_error"] == pytest.approx(0.03 / 1.01)
-    assert first["model_error"] == pytest.approx(0.01)
-    assert cheapest(rows, "wave", 0.1) is rows[0]
-    assert cheapest(rows, "wave", 0.02) is rows[1]
-    assert cheapest(rows, "wave", 0.001) is None
-    assert front(rows) == [rows[2], rows[0], rows[1]]
-
-
-def test_a_low_row_behind_an_edge_clamps_hinges_at_that_edge():
-    """A row as high as the others lets the strip hang 1.41 times as deep as B says at h = 0.1."""
-    import fecloth as fc
-    from studies.evidence.work_precision.bending_scenes import with_held_row
-
-    fabric, depths = fc.Fabric(0.2, 1000.0, bending_rigidity=1.0), []
-    for h in (0.1, 0.05):
-        strip = fc.Cloth.rectangle(1.0, 0.5, h=h, pattern="right")
-        cloth = with_held_row(strip, "left")
-        assert len(cloth.triangles) == len(strip.triangles) + round(0.5 / h)
-        assert (cloth.X[cloth.nodes("held"), 0] < 1e-12).all()
-        terms = [fc.StVK(), fc.HingeBending(), fc.Gravity((0, 0, -0.1))]
-        system = fc.System(cloth, fabric, terms, ["held"])
-        x = fc.equilibrium(system, system.rest()).x
-        depths.append(-x[cloth.X[:, 0] > 1 - 1e-9, 2].mean() / (0.1 * 0.2 / 8))  # q L⁴/(8 B)
-    assert depths[0] == pytest.approx(depths[1], rel=0.03)
-    assert 1.0 < depths[1] < 1 / 0.8  # what hinges carry on `right`, see HingeBending

@@ -29,11 +29,6 @@ def compared(measured: float, **changes) -> Comparison:
     return Comparison("folder", "strip", "force", "N", **given)
 
 
-def test_the_total_is_the_root_of_the_sum_of_squares():
-    assert compared(90.0).total == pytest.approx(math.sqrt(265), rel=1e-14)
-    assert compared(90.0).own == pytest.approx(math.sqrt(121), rel=1e-14)
-
-
 @pytest.mark.parametrize("name", PARTS)
 def test_each_part_counts_in_the_total(name):
     alone = Comparison("folder", "strip", "force", "N", 1.0, **{name: 3.0})

@@ -149,10 +149,10 @@ def test_time_space_and_solver_are_halves_of_what_converge_says(tmp_path):
 
 def test_the_share_of_a_gap_belongs_to_the_mesh(monkeypatch):
     shares = {"mesh": 9.0, "gap": 4.0 / 3.0, "time step": 0.2, "solver": 0.04}
-    found = fc.study.converge(pulled, FORCE, levels=3, h=0.5)
-    estimate = replace(found.estimate, uncertainty=3.0)
-    found = replace(found, value=7.0, uncertainty=1.0, estimate=estimate, shares=shares)
-    monkeypatch.setattr(budgets, "summarise", lambda *given: found)
+    result = fc.study.converge(pulled, FORCE, levels=3, h=0.5)
+    estimate = replace(result.estimate, uncertainty=3.0)
+    result = replace(result, value=7.0, uncertainty=1.0, estimate=estimate, shares=shares)
+    monkeypatch.setattr(budgets, "summarise", lambda *given: result)
     answer = fc.budget(pulled, quantity=FORCE, h=0.5)
     assert answer.start == 0.0
     assert (answer.value, answer.space) == (7.0, 2.5)
@@ -161,16 +161,18 @@ def test_the_share_of_a_gap_belongs_to_the_mesh(monkeypatch):
 
 @pytest.mark.parametrize(("measured", "agrees"), [(8.5, True), (8.7, False)])
 def test_the_distance_of_states_is_a_part_of_the_total(measured, agrees, monkeypatch):
-    found = fc.study.converge(pulled, FORCE, levels=3, h=0.5)
+    result = fc.study.converge(pulled, FORCE, levels=3, h=0.5)
     several = ((7.0, 4.0), (6.2, 5.0))
-    found = replace(found, value=7.0, uncertainty=0.8, verdict="several states: …", states=several)
-    monkeypatch.setattr(budgets, "summarise", lambda *given: found)
+    result = replace(
+        result, value=7.0, uncertainty=0.8, verdict="several states: …", states=several
+    )
+    monkeypatch.setattr(budgets, "summarise", lambda *given: result)
     answer = fc.budget(pulled, None, {FORCE: (measured, 1e-3)}, FORCE, h=0.5)
     assert answer.start == pytest.approx(0.8)
     assert answer.total == pytest.approx(0.8, rel=1e-3)
     assert answer.agrees == agrees
     assert any("several states" in words for words in answer.notes())
-    unknown = replace(found, may_have_other_states=True, states=several[:1])
+    unknown = replace(result, may_have_other_states=True, states=several[:1])
     monkeypatch.setattr(budgets, "summarise", lambda *given: unknown)
     answer = fc.budget(pulled, None, {FORCE: (measured, 1e-3)}, FORCE, h=0.5)
     assert math.isnan(answer.total)
@@ -463,82 +465,6 @@ def test_what_was_measured_of_other_quantities_waits(tmp_path):
     assert answer.data == 0.0
 
 
-WRONG = {
-    "a key with a near name": (
-        {"fabric.tensile_stifness": "10 %"},
-        {},
-        "unknown key; .*Did you mean 'tensile_stiffness'",
-    ),
-    "a term's key with a near name": (
-        {"terms.1.aceleration.0": "10 %"},
-        {},
-        "must be a number of the problem: .*Did you mean 'terms.1.acceleration.0'",
-    ),
-    "a constant that the fabric has not": (
-        {"fabric.bending_rigidity": "10 %"},
-        {},
-        "must be a number of the fabric",
-    ),
-    "the mesh": ({"cloth.h": "10 %"}, {}, "changes the mesh"),
-    "a part of zero": ({"terms.1.acceleration.1": "10 %"}, {}, "is a part of 0.*as a number"),
-    "a negative one": ({"terms.1.acceleration.0": -1.0}, {}, "must be a standard uncertainty >= 0"),
-    "a word": ({"terms.1.acceleration.0": "much"}, {}, "must be a standard uncertainty >= 0"),
-    "a wrong unit": ({"terms.1.acceleration.0": "1 kg"}, {}, "must be a number with one of"),
-    "a negative part of a constant": (
-        {"fabric.areal_density": "-5 %"},
-        {},
-        'or a part such as "10 %"',
-    ),
-    "one start": ({"start": 1}, {}, "start = 1: must be a number of disturbed starts from 2 to"),
-    "half a start": ({"start": 2.5}, {}, "start = 2.5: must be"),
-    "too many starts": ({"start": 1001}, {}, "from 2 to 1000"),
-    "true starts": ({"start": True}, {}, "start = True: must be"),
-    "a measured value alone": ({}, {"tip.x": 1.0}, r"tip.x = 1.0: must be a value and its"),
-    "a measured value without doubt": ({}, {"tip.x": [1.0, 0.0]}, "standard uncertainty > 0"),
-    "a part of a measured zero": ({}, {"tip.x": [0.0, "5 %"]}, "is a part of 0"),
-    "a measured quantity that is none": (
-        {},
-        {"tipp.x": [1.0, 0.1]},
-        "'tipp.x' .*: must be one of tip.x. Did you mean 'tip.x'",
-    ),
-    "a measured quantity without interest": (
-        {},
-        {"sag": [1.0, 0.1]},
-        r"not in \[interest\]\): must be",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_mistakes_are_told_before_anything_runs(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(Work, "numerical", None)
-    uncertain, measured, words = WRONG[name]
-    with pytest.raises(InputError, match=words):
-        fc.budget(scene_at(tmp_path), uncertain, measured)
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"quantity": "displacement"}, "quantity displacement: must be a number"),
-        ({"quantity": "path of tip"}, "quantity path of tip: must be a number. .*as tip.z"),
-        ({"quantity": ["tip.x", "tip"]}, "quantity tip: must be a number. Take a component"),
-        ({"samples": 1}, "samples = 1: must be an integer >= 2"),
-        ({"samples": 2.0}, "samples = 2.0: must be"),
-        ({"seed": -1}, "seed = -1: must be an integer >= 0"),
-    ],
-)
-def test_mistakes_of_the_call(tmp_path, monkeypatch, given, words):
-    monkeypatch.setattr(Work, "numerical", None)
-    with pytest.raises(InputError, match=words):
-        fc.budget(scene_at(tmp_path), **given)
-
-
-def test_a_mesh_without_h_has_no_budget():
-    with pytest.raises(InputError, match="h is missing"):
-        fc.budget(pulled, {"stiffness": "1 %"}, None, FORCE)
-
-
 def test_a_problem_that_fails_has_no_budget():
     with pytest.raises(fc.study.StudyFailed, match="levels failed"):
         fc.budget(pulled, {"drawn": 0.1}, None, FORCE, h=0.5, least=0.2)
@@ -693,20 +619,16 @@ def test_no_friction_no_ends(tmp_path):
 def test_tune_takes_a_third_of_the_input_uncertainty(tmp_path, monkeypatch, capsys):
     path = scene_at(tmp_path, '[uncertain]\nfabric.tensile_stiffness = "10 %"\n')
     expected = 0.1 * STRETCH / 3
-    found = tolerance_of_data(fc.study.of(path), None)
-    assert found == pytest.approx(expected, rel=0.01)
+    result = tolerance_of_data(fc.study.of(path), None)
+    assert result == pytest.approx(expected, rel=0.01)
 
     def stop(tolerance, budget):
         raise InputError(f"{tolerance:.6e}", "is given on")
 
     monkeypatch.setattr(tuning, "read_goal", stop)
-    with pytest.raises(InputError, match=f"{found:.6e}"):
+    with pytest.raises(InputError, match=f"{result:.6e}"):
         fc.tune(path, to_data=True)
-    assert f"tolerance by the data: {100 * found:.2g} %" in capsys.readouterr().err
-    with pytest.raises(InputError, match="give one of them"):
-        fc.tune(path, "1 %", to_data=True)
-    with pytest.raises(InputError, match=r"needs numbers in \[uncertain\]"):
-        fc.tune(scene_at(tmp_path), to_data=True)
+    assert f"tolerance by the data: {100 * result:.2g} %" in capsys.readouterr().err
 
 
 def test_the_command_reads_tables_and_reuses_its_runs(tmp_path, capsys):

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
 from support.rundirs import rows_of
 from support.scene_texts import STRING
 
@@ -115,6 +114,8 @@ def test_the_chart_says_of_which_quantity_its_errors_are():
 
 def test_no_labels_of_the_figure_collide_or_are_cut_off():
     """Nor do the small words at the points, of which those that would collide are left out."""
+    from matplotlib.text import Text
+
     drawing = made_up_chart().figure()
     drawing.savefig(io.BytesIO())
     ax = drawing.axes[0]
@@ -135,11 +136,11 @@ def test_no_labels_of_the_figure_collide_or_are_cut_off():
 
 def test_labels_are_spread():
     heights = [0.02, 0.0, 0.99, 1.0, 0.5]
-    found = spread(heights, 0.1)
-    assert np.argsort(found).tolist() == np.argsort(heights).tolist()
-    assert np.diff(np.sort(found)).min() > 0.1 - 1e-6
-    assert min(found) >= -1e-9
-    assert max(found) <= 1 + 1e-9
+    result = spread(heights, 0.1)
+    assert np.argsort(result).tolist() == np.argsort(heights).tolist()
+    assert np.diff(np.sort(result)).min() > 0.1 - 1e-6
+    assert min(result) >= -1e-9
+    assert max(result) <= 1 + 1e-9
 
 
 # --- runs -----------------------------------------------------------------------------------------
@@ -149,10 +150,10 @@ def test_labels_are_spread():
 def test_errors_of_a_string_with_a_known_solution(scene, tmp_path):
     models = ["StVK", "TensorCondition"]
     methods = ["implicit_midpoint", "auto"]
-    found = fc.study.chart(scene, "middle.z", methods, ["P1"], models, cache=tmp_path)
+    result = fc.study.chart(scene, "middle.z", methods, ["P1"], models, cache=tmp_path)
     truth = exact_middle(0.1)
-    assert abs(found.limit.limit - truth) <= found.limit.uncertainty
-    own = [row for row in found.table if row["method"] == "implicit_midpoint"]
+    assert abs(result.limit.limit - truth) <= result.limit.uncertainty
+    own = [row for row in result.table if row["method"] == "implicit_midpoint"]
     own = [row for row in own if row["status"] == "ok" and row["pattern"] == "right"]
     assert len(own) > 3
     for row in own[:3]:
@@ -162,13 +163,13 @@ def test_errors_of_a_string_with_a_known_solution(scene, tmp_path):
         assert abs(row["error"] - error) <= row["uncertainty"]
         assert row["error %"] == pytest.approx(100 * row["error"] / abs(truth), rel=0.02)
         assert row["at most %"] == row["error %"] + row["uncertainty %"]
-    refused = [row for row in found.table if row["status"] == "refused"]
+    refused = [row for row in result.table if row["status"] == "refused"]
     assert {row["model"] for row in refused} == {"TensorCondition"}
     assert "k" in refused[0]["cause"]
-    tolerances = {row["rtol"] for row in found.table if row["method"] == "auto"}
+    tolerances = {row["rtol"] for row in result.table if row["method"] == "auto"}
     assert 0.1 in tolerances
-    assert all(row["seconds"] > 0 for row in found.table if row["status"] == "ok")
-    assert found.verdict.startswith("10")
+    assert all(row["seconds"] > 0 for row in result.table if row["status"] == "ok")
+    assert result.verdict.startswith("10")
     assert min(row["h"] for row in own) >= 0.99 * 0.125  # with meshes = 2
 
 

@@ -61,18 +61,18 @@ def change(scene, *pairs, name="other.toml"):
 
 def test_equal_laws_cannot_be_told_apart_and_softer_ones_differ_as_they_should():
     variants = {"k": [0, Y / 4, Y / 5]}
-    found = fc.study.compare(strip, variants, "tip.x", h=0.25, probes=[fc.Probe("tip", "right")])
-    same, softer = (found.differences[name] for name in ("k = 5.0", "k = 4.0"))
+    result = fc.study.compare(strip, variants, "tip.x", h=0.25, probes=[fc.Probe("tip", "right")])
+    same, softer = (result.differences[name] for name in ("k = 5.0", "k = 4.0"))
     assert abs(same.limit) < 1e-6
     tips = [1 + hanging_strip_tip(1.0, stiffness, 0.2) for stiffness in (0.8 * Y, Y)]
     exact = 100 * (tips[0] / tips[1] - 1)
     assert abs(softer.limit - exact) <= softer.uncertainty < 0.02 * exact
-    first, second = found.verdict.splitlines()
+    first, second = result.verdict.splitlines()
     assert first.startswith("tip.x: k = 5.0 and k = 0 cannot be told apart: the difference is 0 ")
     assert second.startswith("tip.x: k = 4.0 is 0.976")
     assert "% larger than k = 0, 0.98 % on the given mesh" in second
-    given = [row["value"] for row in found.table]
-    whole = found.studies["k = 0"].limit
+    given = [row["value"] for row in result.table]
+    whole = result.studies["k = 0"].limit
     assert softer.as_given == pytest.approx(100 * (given[2] - given[0]) / whole, rel=1e-12)
 
 
@@ -86,18 +86,18 @@ def with_poisson_ratio(h, nu):
 def test_a_difference_is_refined_by_itself():
     """Most of the error of both variants is the same; a fine mesh gives -0.0149 %."""
     run = {"h": 0.125, "levels": 4, "probes": [fc.Probe("tip", "right")]}
-    found = fc.study.compare(with_poisson_ratio, {"nu": [0.2, 0.3]}, "tip.x", **run)
-    (difference,) = found.differences.values()
-    added = 100 * sum(each.uncertainty / each.value for each in found.studies.values())
+    result = fc.study.compare(with_poisson_ratio, {"nu": [0.2, 0.3]}, "tip.x", **run)
+    (difference,) = result.differences.values()
+    added = 100 * sum(each.uncertainty / each.value for each in result.studies.values())
     assert abs(difference.limit + 0.01492) <= difference.uncertainty < 0.6 * added
 
 
 def test_springs_have_the_stiffness_of_their_homogenised_moduli():
     """The border springs are not halved: their share falls as h, and the limit has none."""
-    found = fc.study.compare(stretched, "model=StVK,Springs", "total", h=0.125)
+    result = fc.study.compare(stretched, "model=StVK,Springs", "total", h=0.125)
     C = fc.plane_moduli(fc.Springs(), fc.Fabric(0.2, Y, 0.3), "right")
     exact = 100 * (C[0, 0] * (1 - 0.3**2) / Y - 1)
-    difference = found.differences["Springs"]
+    difference = result.differences["Springs"]
     assert abs(difference.limit - exact) <= difference.uncertainty + 1e-2  # of ε
     assert abs(difference.as_given - exact) > difference.uncertainty
     assert difference.uncertainty < 5
@@ -106,20 +106,20 @@ def test_springs_have_the_stiffness_of_their_homogenised_moduli():
 def test_methods_differ_by_their_time_step_only(tmp_path):
     file = tmp_path / "swing.toml"
     file.write_text(SWING)
-    found = fc.study.compare(
+    result = fc.study.compare(
         file, "time.method=backward_euler,implicit_midpoint", "middle.z at 0.1 s", "dt"
     )
-    difference = found.differences["implicit_midpoint"]
+    difference = result.differences["implicit_midpoint"]
     assert abs(difference.limit) < difference.uncertainty < abs(difference.as_given)
-    assert "20 % with the given step" in found.verdict
-    assert found.figure().axes[0].get_xlabel() == "dt [s]"
+    assert "20 % with the given step" in result.verdict
+    assert result.figure().axes[0].get_xlabel() == "dt [s]"
 
 
 def test_a_value_of_zero_is_compared_in_its_unit(scene):
-    found = fc.study.compare(scene, "fabric.tensile_stiffness=20,40", "tip.z")
-    assert np.isnan(found.scale)
-    assert "cannot be told apart: the difference is 0 ± 0 m" in found.verdict
-    assert "difference of limits [m]" in found.table.columns
+    result = fc.study.compare(scene, "fabric.tensile_stiffness=20,40", "tip.z")
+    assert np.isnan(result.scale)
+    assert "cannot be told apart: the difference is 0 ± 0 m" in result.verdict
+    assert "difference of limits [m]" in result.table.columns
 
 
 def test_the_warnings_of_a_variant_are_repeated():
@@ -141,12 +141,12 @@ def test_the_warnings_of_a_variant_are_repeated():
     ],
 )
 def test_a_refused_variant_has_a_row_with_its_reason_and_the_others_run(scene, variants, cause):
-    found = fc.study.compare(scene, variants, "area", cache=None)
-    statuses = list(found.table["status"])
+    result = fc.study.compare(scene, variants, "area", cache=None)
+    statuses = list(result.table["status"])
     assert sorted(statuses) == ["ok", "ok", "refused"]
-    assert cause in found.table["cause"][statuses.index("refused")]
-    assert len(found.differences) == 1
-    assert found.exit_status == 3
+    assert cause in result.table["cause"][statuses.index("refused")]
+    assert len(result.differences) == 1
+    assert result.exit_status == 3
 
 
 def stretched_by(factor, **mesh):

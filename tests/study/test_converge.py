@@ -63,22 +63,22 @@ def scene(tmp_path):
 @pytest.mark.parametrize("levels", [3, 4])
 def test_the_tip_of_a_hanging_strip_is_covered(element, levels):
     exact = 1 + hanging_strip_tip(1.0, 5.0, 0.2)
-    found = fc.study.converge(strip, "tip.x", h=0.25, levels=levels, probes=TIP, element=element)
-    assert abs(found.value - exact) <= found.uncertainty <= 30 * abs(found.value - exact)
-    assert abs(found.limit - exact) < abs(found.value - exact)
-    assert found.converges
-    assert found.unit == "m"
-    assert len(found.table) == levels
+    result = fc.study.converge(strip, "tip.x", h=0.25, levels=levels, probes=TIP, element=element)
+    assert abs(result.value - exact) <= result.uncertainty <= 30 * abs(result.value - exact)
+    assert abs(result.limit - exact) < abs(result.value - exact)
+    assert result.converges
+    assert result.unit == "m"
+    assert len(result.table) == levels
 
 
 @pytest.mark.filterwarnings("ignore:the equilibrium is unstable")
 def test_a_field_converges_with_its_order_and_its_uncertainty_covers_the_error():
-    found = fc.study.converge(strip, "displacement in H1", h=0.25, levels=4)
-    assert found.order == pytest.approx(1, abs=0.15)
+    result = fc.study.converge(strip, "displacement in H1", h=0.25, levels=4)
+    assert result.order == pytest.approx(1, abs=0.15)
     finest, reference = strip(0.25 / 8)[1], strip(0.25 / 8, "P2")[1]
-    moved = [fc.equilibrium(one, one.rest()).x - one.rest().x for one in (finest, reference)]
+    moved = [fc.equilibrium(each, each.rest()).x - each.rest().x for each in (finest, reference)]
     error = finest.cloth.h1_difference(reference.cloth, *moved)
-    assert error <= found.uncertainty <= 5 * error
+    assert error <= result.uncertainty <= 5 * error
 
 
 def test_period_of_a_string_by_h_dt_and_both():
@@ -91,17 +91,17 @@ def test_period_of_a_string_by_h_dt_and_both():
         "t_end": 2.2 * exact,
         "probes": [fc.Probe("m", point=(0.5, 0.1))],
     }
-    found = {}
+    result = {}
     for refine in ("h", "dt", "both"):
-        found[refine] = fc.study.converge(swing, "period of m.z", refine, 3, **run)
-        one = found[refine]
-        assert abs(one.value - exact) <= one.uncertainty, refine
-        assert one.order == pytest.approx(2, abs=0.5)
-    assert list(found["h"].shares) == ["mesh", "time step", "solver"]
-    assert list(found["dt"].shares) == ["time step", "mesh", "solver"]
-    assert list(found["both"].shares) == ["mesh and time step", "solver"]
-    assert any("refine it too" in words for words in found["h"].notes())  # dt is coarse
-    assert found["both"].uncertainty < 0.5 * found["dt"].uncertainty
+        result[refine] = fc.study.converge(swing, "period of m.z", refine, 3, **run)
+        study = result[refine]
+        assert abs(study.value - exact) <= study.uncertainty, refine
+        assert study.order == pytest.approx(2, abs=0.5)
+    assert list(result["h"].shares) == ["mesh", "time step", "solver"]
+    assert list(result["dt"].shares) == ["time step", "mesh", "solver"]
+    assert list(result["both"].shares) == ["mesh and time step", "solver"]
+    assert any("refine it too" in words for words in result["h"].notes())  # dt is coarse
+    assert result["both"].uncertainty < 0.5 * result["dt"].uncertainty
 
 
 def test_the_frequency_of_a_square_drum_is_covered():
@@ -113,10 +113,10 @@ def test_the_frequency_of_a_square_drum_is_covered():
         return cloth, system, fc.BDF2(), system.state(1.1 * system.rest().x)
 
     exact = np.sqrt(100 / 0.7 * (1.1**2 - 1) / 2 / 0.2 / 2)
-    found = fc.study.converge(drum, "frequency(1)", h=0.25, levels=4)
-    assert abs(found.value - exact) <= found.uncertainty <= 5 * abs(found.value - exact)
-    assert (found.unit, found.theory) == ("Hz", 2.0)
-    assert found.order == pytest.approx(2, abs=0.2)
+    result = fc.study.converge(drum, "frequency(1)", h=0.25, levels=4)
+    assert abs(result.value - exact) <= result.uncertainty <= 5 * abs(result.value - exact)
+    assert (result.unit, result.theory) == ("Hz", 2.0)
+    assert result.order == pytest.approx(2, abs=0.2)
 
 
 def test_a_scene_and_its_cache(scene, tmp_path, capsys):
@@ -136,10 +136,10 @@ def test_a_scene_at_rest(scene):
     text = SCENE.partition("time = ")[0].replace(', velocity = ["0", "0", "sin(pi * X)"]', "")
     weight = '"StVK" }, { type = "Gravity", acceleration = [0, 0, -1e-3] }'
     scene.write_text(text.replace('"StVK" }', weight) + "[equilibrium]\n")
-    found = fc.study.converge(scene, "sag", levels=3)
+    result = fc.study.converge(scene, "sag", levels=3)
     exact = 0.2e-3 / 8 / (100 * (1.1**2 - 1) / 2)
-    assert found.value == pytest.approx(exact, rel=1e-3)
-    assert list(found.shares) == ["mesh"]
+    assert result.value == pytest.approx(exact, rel=1e-3)
+    assert list(result.shares) == ["mesh"]
     with pytest.raises(InputError, match="an equilibrium has no dt"):
         fc.study.converge(scene, "sag", refine="dt")
 
@@ -156,18 +156,18 @@ def test_a_trusted_geo_file_stays_trusted(scene, tmp_path):
     scene.write_text(re.sub("(pins|probes) = .*", "", text))
     with pytest.raises(InputError, match="--trust-geo"):
         fc.study.converge(scene, "area", levels=3)
-    found = fc.study.converge(fc.load_scene(scene, trust_geo=True), "area", levels=3)
-    assert found.table["triangles"][-1] > 2 * found.table["triangles"][0]
+    result = fc.study.converge(fc.load_scene(scene, trust_geo=True), "area", levels=3)
+    assert result.table["triangles"][-1] > 2 * result.table["triangles"][0]
 
 
 def test_the_error_of_chosen_steps_is_a_share(scene):
     """The estimate from rtol/10 is that against rtol/1000 within a factor of two."""
     chosen = fc.load_scene(scene, ["time.dt=auto", "time.rtol=0.05"])
-    found = fc.study.converge(chosen, "max middle.z", levels=3)
+    result = fc.study.converge(chosen, "max middle.z", levels=3)
     over = "time.rtol=0.05,5e-5"
     coarse, fine = fc.study.sweep(chosen, over, "max middle.z").table["max middle.z"]
-    assert found.shares["time step"] == pytest.approx(abs(coarse - fine), rel=0.5)
-    assert not any("estimates its error in time" in words for words in found.notes())
+    assert result.shares["time step"] == pytest.approx(abs(coarse - fine), rel=0.5)
+    assert not any("estimates its error in time" in words for words in result.notes())
 
 
 def test_a_cloth_without_tension_across_is_named_as_an_obstacle():
@@ -190,10 +190,10 @@ def test_a_cloth_without_tension_across_is_named_as_an_obstacle():
 
 
 def test_levels_that_fail_are_named():
-    found = fc.study.converge(failing, "displacement", h=0.25, levels=3)
-    assert found.verdict.startswith("not known: 2 of 3 levels failed; the first: h: is too small")
-    assert found.table["h"] == [0.25, 0.125, 0.0625]
-    assert not found.converges
+    result = fc.study.converge(failing, "displacement", h=0.25, levels=3)
+    assert result.verdict.startswith("not known: 2 of 3 levels failed; the first: h: is too small")
+    assert result.table["h"] == [0.25, 0.125, 0.0625]
+    assert not result.converges
 
 
 @pytest.mark.parametrize(
@@ -215,11 +215,11 @@ def test_runs_that_are_doubted_are_no_evidence(kind, verdict, monkeypatch):
         return cloth, system, None, system.rest()
 
     monkeypatch.setattr(measured_runs, "measure", warned)
-    found = fc.study.converge(local, "tip.x", h=0.25, levels=3, probes=TIP)
-    assert found.verdict.startswith(verdict)
-    assert (found.estimate is None) == (kind is DoubtKind.MOTION)
+    result = fc.study.converge(local, "tip.x", h=0.25, levels=3, probes=TIP)
+    assert result.verdict.startswith(verdict)
+    assert (result.estimate is None) == (kind is DoubtKind.MOTION)
     if kind is DoubtKind.OTHER:  # without a limit the finest level has an error, too
-        assert found.table[-1]["error"] == found.estimate.uncertainty / UNSAFE > 0
+        assert result.table[-1]["error"] == result.estimate.uncertainty / UNSAFE > 0
     compared = fc.study.compare(local, "mass=0.2,0.1", "tip.x", h=0.25, probes=TIP)
     assert (compared.table["status"] == ["ok", "ok"]) == (kind is not DoubtKind.MOTION)
     notes = [words for words in compared.notes() if "not known to converge" in words]
@@ -281,16 +281,16 @@ def test_theoretical_orders_know_round_borders_and_elements():
     for element, expected in (("P1", (2, 1, 2)), ("P2", (3, 2, 4))):
         opened = StudyProblem.of(strip, h=0.25, arguments={"element": element})
         texts = ("displacement", "displacement in H1", "energy.StVK")
-        found = [space_order(parse_quantity(t), opened.first) for t in texts]
-        assert tuple(found) == expected
+        result = [space_order(parse_quantity(t), opened.first) for t in texts]
+        assert tuple(result) == expected
 
 
 def test_report_figure_and_words(tmp_path):
-    found = fc.study.converge(strip, "tip.x", h=0.25, levels=3, probes=TIP)
-    page = found.report(tmp_path / "r")
+    result = fc.study.converge(strip, "tip.x", h=0.25, levels=3, probes=TIP)
+    page = result.report(tmp_path / "r")
     text = page.read_text()
     assert str(tmp_path) not in text
-    assert found.verdict.split(":")[0] in text
+    assert result.verdict.split(":")[0] in text
     assert {p.name for p in page.parent.iterdir()} == {
         "report.html",
         "results.csv",
@@ -302,12 +302,12 @@ def test_report_figure_and_words(tmp_path):
     }
     frame = read_vtu(page.parent / "finest_000000.vtu")
     right = frame.point_data["reference"][:, 0] == 1.0
-    assert frame.points[right, 0].mean() == pytest.approx(found.value, rel=1e-9)
+    assert frame.points[right, 0].mean() == pytest.approx(result.value, rel=1e-9)
     assert len((page.parent / "results.csv").read_text().splitlines()) == 4
-    assert repr(found).startswith("<Convergence of strip: converges")
-    assert "\n" not in repr(found)
-    assert "<table>" in found._repr_html_()
-    assert isinstance(found, Convergence)
+    assert repr(result).startswith("<Convergence of strip: converges")
+    assert "\n" not in repr(result)
+    assert "<table>" in result._repr_html_()
+    assert isinstance(result, Convergence)
 
 
 def test_the_command(scene, tmp_path, capsys):

@@ -17,7 +17,7 @@ def drum(h, gravity=0.0):
 def test_a_frequency_about_no_equilibrium_has_one_warning(gravity, doubted):
     """The drum is taut in its plane; its weight would bend it out of the plane."""
     given = {"gravity": gravity, "dt": 0.1, "t_end": 1.0}
-    found = fc.study.converge(drum, "frequency(1)", levels=3, h=0.5, **given)
-    kinds = [doubt.kind for doubt in found.doubts if doubt.kind.spoils]
+    result = fc.study.converge(drum, "frequency(1)", levels=3, h=0.5, **given)
+    kinds = [doubt.kind for doubt in result.doubts if doubt.kind.spoils]
     assert kinds == [DoubtKind.BALANCE] * doubted
-    assert sum("not in equilibrium" in words for words in found.words()) == doubted
+    assert sum("not in equilibrium" in words for words in result.words()) == doubted

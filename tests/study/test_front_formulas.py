@@ -193,16 +193,16 @@ def test_changes_of_a_field_are_summed_up(plain_records, monkeypatch):
 
 @pytest.mark.parametrize("tolerance", [0.1, 1e-3])
 def test_the_limit_is_refined_to_two_fifths_of_the_tolerance(tolerance, plain_records):
-    found = find_limit(PlainBench(), [LINE], tolerance)
-    assert found.uncertainty.max() <= 0.4 * tolerance
-    before = Limit(found.quantities, found.settings[:-1], found.rows[:-1], found.estimates)
-    assert len(found.rows) == 3 or not _is_within(before, 0.4 * tolerance)
-    assert abs(found.estimates[0].limit - 1.0) <= found.uncertainty.max()
+    result = find_limit(PlainBench(), [LINE], tolerance)
+    assert result.uncertainty.max() <= 0.4 * tolerance
+    before = Limit(result.quantities, result.settings[:-1], result.rows[:-1], result.estimates)
+    assert len(result.rows) == 3 or not _is_within(before, 0.4 * tolerance)
+    assert abs(result.estimates[0].limit - 1.0) <= result.uncertainty.max()
 
 
-def _is_within(found, wanted):
+def _is_within(result, wanted):
     """Whether the limit of fewer levels was within the wanted uncertainty."""
-    values = [row["value"] for row in found.rows[-4:]]
+    values = [row["value"] for row in result.rows[-4:]]
     sizes = [2.0 ** (len(values) - k) for k in range(len(values))]
     return estimate_uncertainty(sizes, values, 2.0).uncertainty / values[-1] <= wanted
 
@@ -216,8 +216,8 @@ def test_the_limit_takes_three_fifths_of_the_time(plain_records):
 
 def test_the_ladder_of_the_faster_line_goes_on(plain_records):
     plain = PlainBench(b=4.0, speed={OTHER: 3.0})
-    found = find_limit(plain, [OTHER, LINE], 1e-3)
-    assert {setting.line for setting in found.settings} == {LINE}
+    result = find_limit(plain, [OTHER, LINE], 1e-3)
+    assert {setting.line for setting in result.settings} == {LINE}
     finest = {line: max(s.i for s in plain.rows if s.line == line) for line in (LINE, OTHER)}
     assert finest[OTHER] < finest[LINE]
 
@@ -241,10 +241,10 @@ def test_only_methods_of_second_order_have_ladders():
 
 def test_without_three_levels_the_finest_one_is_the_limit_of_unknown_uncertainty(plain_records):
     plain = PlainBench(left=0.0)
-    found = find_limit(plain, [LINE], 0.01)
-    assert not found.is_known
-    assert len(found.rows) == 1
-    assert found.error({"value": 2 * found.finest["value"]}) == pytest.approx([1.0])
+    result = find_limit(plain, [LINE], 0.01)
+    assert not result.is_known
+    assert len(result.rows) == 1
+    assert result.error({"value": 2 * result.finest["value"]}) == pytest.approx([1.0])
 
 
 # --- the bench ------------------------------------------------------------------------------------

@@ -177,12 +177,12 @@ def test_the_limit_of_a_front_is_the_closed_form():
     def sinking(result):
         return float(result.state.x[:, 0].max()) - 1.0
 
-    found = fc.study.front(soft, sinking, tolerance=0.01, h=0.25, probes=TIP)
+    answer = fc.study.front(soft, sinking, tolerance=0.01, h=0.25, probes=TIP)
     exact = 0.2 * 9.81 / 2 / 2e5
-    assert abs(found.limit.limit - exact) <= found.limit.uncertainty + 1e-4 * exact
-    row = found.cheapest("1%")
+    assert abs(answer.limit.limit - exact) <= answer.limit.uncertainty + 1e-4 * exact
+    row = answer.cheapest("1%")
     assert row["at most %"] <= 1.0
-    assert row["seconds"] == min(r["seconds"] for r in found.table if r.get("at most %", 9) <= 1.0)
+    assert row["seconds"] == min(r["seconds"] for r in answer.table if r.get("at most %", 9) <= 1.0)
 
 
 # --- the result ----------------------------------------------------------------------------------
@@ -229,9 +229,9 @@ def test_a_term_that_changes_nothing_is_needless(tmp_path):
         'pins = [{ where = "left" }]\nequilibrium = {}\n'
         'probes = [{ name = "tip", where = "right" }]\n'
     )
-    found = fc.study.front(scene, "tip.x", ["h", "terms"], "1%")
-    assert "without PointForce" in found.needless("1%")
-    assert "without Gravity" not in found.needless("1%")
+    result = fc.study.front(scene, "tip.x", ["h", "terms"], "1%")
+    assert "without PointForce" in result.needless("1%")
+    assert "without Gravity" not in result.needless("1%")
 
 
 # --- settings ------------------------------------------------------------------------------------

@@ -35,7 +35,7 @@ def chosen(problem, h):
 def test_order_at_a_reentrant_corner_is_recovered():
     """Exact: z = r^(2/3) sin(2θ/3). Uniform P1 meshes have order 2/3 in H1, graded ones 1."""
     gradings = chosen(taut_l, 0.1)
-    assert [one.point for one in gradings] == [tuple(CORNER)]
+    assert [each.point for each in gradings] == [tuple(CORNER)]
     errors = {}
     for name, grading in (("uniform", ()), ("graded", gradings)):
         for h in (0.1, 0.05):
@@ -50,19 +50,19 @@ def test_order_at_a_reentrant_corner_is_recovered():
 
 @pytest.mark.stories
 def test_converge_says_what_the_grading_of_a_hanging_cloth_saves(tmp_path):
-    found = fc.study.converge(hanging_l, "tip.y", h=0.1, levels=3, probes=TIP, grade=True)
-    assert found.order == pytest.approx(2, abs=0.25)
-    assert found.converges
-    assert found.table["mesh"] == ["uniform"] * 3 + ["graded"] * 3
-    rows = list(found.table)
+    result = fc.study.converge(hanging_l, "tip.y", h=0.1, levels=3, probes=TIP, grade=True)
+    assert result.order == pytest.approx(2, abs=0.25)
+    assert result.converges
+    assert result.table["mesh"] == ["uniform"] * 3 + ["graded"] * 3
+    rows = list(result.table)
     uniform, graded = rows[:3], rows[3:]
     assert graded[1]["error"] < uniform[2]["error"]  # of a third of its triangles
     assert graded[1]["triangles"] < 0.4 * uniform[2]["triangles"]
-    assert "The grading saves a factor of" in found.verdict
-    assert [one.point for one in found.gradings] == [tuple(CORNER)]
-    finest = hanging_l(0.1 / 4, "P1", found.gradings)[0]
+    assert "The grading saves a factor of" in result.verdict
+    assert [each.point for each in result.gradings] == [tuple(CORNER)]
+    finest = hanging_l(0.1 / 4, "P1", result.gradings)[0]
     assert len(finest.triangles) == graded[2]["triangles"]
-    assert "uniform meshes" in (found.report(tmp_path).parent / "figure.svg").read_text()
+    assert "uniform meshes" in (result.report(tmp_path).parent / "figure.svg").read_text()
 
 
 def held(pins, element="P1"):
@@ -73,11 +73,11 @@ def held(pins, element="P1"):
 
 def test_places_are_the_ends_of_pins_and_not_single_points():
     setup, end = held(["left", fc.Pin(lambda X: (X[:, 0] > 0.99) & (X[:, 1] > 0.99))])
-    points = [one.point for one in choose_gradings(setup, end, 0.1)]
+    points = [each.point for each in choose_gradings(setup, end, 0.1)]
     assert set(points) <= {(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), None}
     assert points, "the ends of the left side"
     setup, end = held([fc.Pin(lambda X: (X[:, 0] < 0.01) & (X[:, 1] > 0.45)), "right"])
-    points = [one.point for one in choose_gradings(setup, end, 0.1)]
+    points = [each.point for each in choose_gradings(setup, end, 0.1)]
     middle = [point for point in points if point and point[0] == 0 and 0.4 < point[1] < 0.6]
     assert middle, "the pin ends in the middle of the left side"
 
@@ -91,10 +91,10 @@ def test_an_even_error_is_not_graded():
         system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"])
         return cloth, system, None, system.rest()
 
-    found = fc.study.converge(strip, "tip.x", h=0.25, levels=3, probes=TIP, grade=True)
-    assert found.gradings == ()
-    assert any("No grading saves 5 %" in line for line in found.notes())
-    assert len(found.table) == 3
+    result = fc.study.converge(strip, "tip.x", h=0.25, levels=3, probes=TIP, grade=True)
+    assert result.gradings == ()
+    assert any("No grading saves 5 %" in line for line in result.notes())
+    assert len(result.table) == 3
 
 
 SCENE = """

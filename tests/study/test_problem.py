@@ -71,8 +71,6 @@ def test_a_refused_change_names_the_file_the_change_and_the_key(scene):
         titled.check_refining("dt")
     with pytest.raises(InputError, match="^the scene: refine = 'dt'"):
         StudyProblem.of(scene_of(scene.tables)).check_refining("dt")
-    with pytest.raises(InputError, match="speed = 3: the function takes h, dt, stiffness"):
-        StudyProblem.of(strip, h=0.25).at({"speed": 3})
 
 
 def test_a_function_has_other_arguments_and_other_terms():

@@ -29,10 +29,10 @@ if __name__ == "__main__":
 
 def test_processes_give_the_same_rows(tmp_path):
     log = tmp_path / "log"
-    one = study.run_cases(four_cases(log), square, tmp_path / "one")
-    two = study.run_cases(four_cases(log), square, tmp_path / "two", jobs=2)
-    assert [row["square"] for row in one] == [row["square"] for row in two]
-    assert study.run_cases(four_cases(log), square, tmp_path / "two") == study.run_cases(
+    first = study.run_cases(four_cases(log), square, tmp_path / "one")
+    second = study.run_cases(four_cases(log), square, tmp_path / "second", jobs=2)
+    assert [row["square"] for row in first] == [row["square"] for row in second]
+    assert study.run_cases(four_cases(log), square, tmp_path / "second") == study.run_cases(
         four_cases(log), square, tmp_path / "one"
     )
     assert sorted(log.read_text().split()) == sorted(2 * ["3", "1", "2", "4"])

@@ -170,33 +170,13 @@ def test_all_numbers_of_fabric_and_terms_but_zeros_by_default(scene):
 
 def test_a_zero_needs_a_scale_and_has_no_elasticity(scene):
     key = "terms.1.acceleration.1"
-    with pytest.raises(InputError, match="needs a change > 0 to compare with.*--scale"):
-        fc.sensitivity(str(scene), key, "tip.y")
     answer = fc.sensitivity(str(scene), key, "tip.y", scale={key: 1.0})
     assert np.isnan(answer.elasticity[0])
     assert answer.derivative[0] > 0
     assert answer.checked < 1e-4
 
 
-@pytest.mark.parametrize(
-    ("key", "words"),
-    [
-        ("cloth.width", "changes the mesh"),
-        ("solver.forcing", "is a number of the solver"),
-        ("equilibrium.tolerance", "is a number of the method"),
-        ("fabric.shear_stifness", "Did you mean 'fabric.shear_stiffness'"),
-        ("fabric.source", "must be a number of the problem"),
-    ],
-)
-def test_what_is_no_parameter_is_refused_by_name(scene, key, words):
-    with pytest.raises(InputError, match=words):
-        fc.sensitivity(str(scene), key)
-
-
 def test_h_and_other_meshes_of_a_function_are_refused():
-    with pytest.raises(InputError, match="changes the mesh or the steps"):
-        fc.sensitivity(strip, "h", "area", h=0.25)
-
     def wide(h, width=1.0):
         cloth = fc.Cloth.rectangle(width, 0.5, h if width > 1.0 else 0.5 * h, pattern="right")
         system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], ["boundary"])
@@ -414,29 +394,6 @@ def test_whole_numbers_of_a_function_are_left_out_unless_they_are_named():
         return cloth, system, None, system.rest()
 
     assert fc.sensitivity(counted, quantity="sag", h=0.25).parameters == ("density",)
-
-
-@pytest.mark.parametrize(
-    ("asked", "words"),
-    [
-        ({"parameters": 5}, "must be names, or a mapping"),
-        ({"scale": 1.0}, "must be a mapping of names"),
-        ({"quantity": []}, "must be at least one"),
-        ({"tolerance": 0.5}, "must lie between 1e-9 and 0.01"),
-        ({"quantity": lambda result: math.nan}, "must be a finite number"),
-        ({"scale": {"other": 1.0}}, "is of no parameter here"),
-    ],
-)
-def test_wrong_arguments_get_a_sentence(scene, asked, words):
-    with pytest.raises(InputError, match=words):
-        fc.sensitivity(str(scene), **asked)
-
-
-def test_a_number_at_its_limit_has_no_run_on_both_sides(scene):
-    key = "fabric.poisson_ratio"
-    scene.write_text(SCENE.replace("poisson_ratio = 0.2", "poisson_ratio = 0.0"))
-    with pytest.raises(InputError, match="needs values on both sides of its own"):
-        fc.sensitivity(str(scene), key, scale={key: 1e5})
 
 
 def test_friction_changes_no_form_of_records():

@@ -34,7 +34,7 @@ def variants_of(scene, quantity="sag"):
 
 
 def changes(full, other, interest):
-    return {one.text: relative_difference(one, full, other) for one in interest.all}
+    return {each.text: relative_difference(each, full, other) for each in interest.all}
 
 
 @pytest.mark.parametrize("name", ["needs/taut", "needs/cantilever", "needs/wind", "drop", "dome"])

@@ -33,7 +33,7 @@ def end_of(h, dt=0.01, **parts):
 
 
 @pytest.fixture(scope="module")
-def found(counted_work):
+def simplified(counted_work):
     run = {"h": 0.1, "dt": 0.01, "t_end": 0.1, "probes": TIP, "repeats": 1}
     return fc.study.simplify(falling_strip, "5%", "tip.z", **run)
 
@@ -48,28 +48,28 @@ def found(counted_work):
         ("dt × 0.5", {"dt": 0.005}),
     ],
 )
-def test_changes_are_those_of_runs_by_hand(found, variant, changed):
-    (row,) = [row for row in found.table if row["variant"] == variant]
+def test_changes_are_those_of_runs_by_hand(simplified, variant, changed):
+    (row,) = [row for row in simplified.table if row["variant"] == variant]
     full = end_of(0.1)
     expected = abs(end_of(**({"h": 0.1} | changed)) / full - 1)
     assert row["tip.z [%]"] == pytest.approx(100 * expected, rel=1e-3, abs=1e-5)
 
 
-def test_what_is_needed_stays_and_the_rest_goes(found):
-    assert found.scene is None
-    assert found.file == "reduced.txt"
-    first, *_ = found.reduced.splitlines()
+def test_what_is_needed_stays_and_the_rest_goes(simplified):
+    assert simplified.scene is None
+    assert simplified.file == "reduced.txt"
+    first, *_ = simplified.reduced.splitlines()
     assert "Gravity" in first
     assert "Drag" not in first
-    assert found.change <= 0.05
-    verdicts = {row["variant"]: row["verdict"] for row in found.table}
+    assert simplified.change <= 0.05
+    verdicts = {row["variant"]: row["verdict"] for row in simplified.table}
     assert verdicts["without Gravity"] == "needed"
     assert not {name for name in verdicts if "explicit" in str(name)}  # the method is the user's
 
 
-def test_the_list_of_what_is_left_is_written(found, tmp_path):
-    found.report(tmp_path)
-    assert (tmp_path / "reduced.txt").read_text() == found.reduced
+def test_the_list_of_what_is_left_is_written(simplified, tmp_path):
+    simplified.report(tmp_path)
+    assert (tmp_path / "reduced.txt").read_text() == simplified.reduced
     assert not (tmp_path / "reduced.toml").exists()
 
 
@@ -77,8 +77,8 @@ def test_a_function_without_a_file_and_an_equilibrium():
     def bent(h):
         return *falling_strip(h)[:2], None, falling_strip(h)[3]
 
-    found = fc.study.simplify(bent, "5%", "tip.z", h=0.25, probes=TIP, repeats=1)
-    kinds = {str(row["variant"]) for row in found.table}
+    simplified = fc.study.simplify(bent, "5%", "tip.z", h=0.25, probes=TIP, repeats=1)
+    kinds = {str(row["variant"]) for row in simplified.table}
     assert {"without Drag", "h × 0.5", "h × 2"} <= kinds
     assert not any(name.startswith("dt") for name in kinds)
 

@@ -54,32 +54,32 @@ def limit_from_eigenvalues(density):
 
 def test_the_measured_range_contains_the_limit(scene, tmp_path):
     over = "fabric.areal_density=0.2,0.8"
-    found = fc.study.stability(scene, over, EXPLICIT, cache=tmp_path)
+    result = fc.study.stability(scene, over, EXPLICIT, cache=tmp_path)
     width = {0.2: 1.2, 0.8: 1.45}  # 78 and 39 steps: fewer show less growth
     for method in EXPLICIT:
         for density in (0.2, 0.8):
             own = [
                 cell
-                for cell in found.cells
+                for cell in result.cells
                 if (cell["method"], cell["fabric.areal_density"]) == (method, density)
             ]
             limit = limit_from_eigenvalues(density)
             low, high = range_of(own)
             assert low < limit < high <= width[density] * low
             assert own[0]["predicted"] == pytest.approx(limit, rel=1e-3)
-    assert {cell["status"] for cell in found.cells} == {"ok", "failed"}
-    assert "central_difference and symplectic_euler hold the longest step, " in found.verdict
-    assert not found.has_stopped
+    assert {cell["status"] for cell in result.cells} == {"ok", "failed"}
+    assert "central_difference and symplectic_euler hold the longest step, " in result.verdict
+    assert not result.has_stopped
 
 
 def test_a_function_and_an_implicit_method():
-    found = fc.study.stability(sheet, None, ["bdf2", "CentralDifference"], h=0.25, t_end=0.2)
-    bdf2, explicit = found.table
+    result = fc.study.stability(sheet, None, ["bdf2", "CentralDifference"], h=0.25, t_end=0.2)
+    bdf2, explicit = result.table
     assert bdf2["predicted limit"] == "none"
     assert bdf2["does not fail up to"] == "≥ 200 ms"  # a single step
     assert bdf2["measured over predicted"] == ""
     assert explicit["next step"] == "failed: the method makes energy"
-    first, second = found.figure().axes
+    first, second = result.figure().axes
     (line,) = [line for line in second.lines if line.get_color() == "black"]
     assert line.get_ydata()[0] == pytest.approx(limit_from_eigenvalues(0.2), rel=1e-3)
     assert not [line for line in first.lines if line.get_color() == "black"]
@@ -87,12 +87,12 @@ def test_a_function_and_an_implicit_method():
 
 def test_a_refused_value_has_a_row_with_its_reason_and_the_others_run(scene, tmp_path):
     over = {"pins.0.where": ["nowhere", "boundary"]}  # which only the mesh knows
-    found = fc.study.stability(scene, over, ["central_difference"])
-    assert ["not known" in range_ for range_ in found.table["longest step"]] == [True, False]
-    assert ["nowhere" in words for words in found.table["next step"]] == [True, False]
-    assert "central_difference holds" in found.verdict
-    assert found.exit_status == 3
-    assert found.report(tmp_path).exists()
+    result = fc.study.stability(scene, over, ["central_difference"])
+    assert ["not known" in range_ for range_ in result.table["longest step"]] == [True, False]
+    assert ["nowhere" in words for words in result.table["next step"]] == [True, False]
+    assert "central_difference holds" in result.verdict
+    assert result.exit_status == 3
+    assert result.report(tmp_path).exists()
 
 
 def test_the_steps_next_to_the_limit_are_as_close_as_growth_is_seen():
@@ -137,10 +137,10 @@ def test_a_single_step_is_the_longest():
 
 
 def test_runs_that_were_stopped_say_nothing(scene):
-    found = fc.study.stability(scene, None, ["bdf2"], time_limit=1e-9)
-    assert found.has_stopped
-    assert found.table["longest step"] == ["not known"]
-    assert found.table["next step"][0].startswith("time limit: ")
+    result = fc.study.stability(scene, None, ["bdf2"], time_limit=1e-9)
+    assert result.has_stopped
+    assert result.table["longest step"] == ["not known"]
+    assert result.table["next step"][0].startswith("time limit: ")
 
 
 def test_ranges_on_made_up_rows():

@@ -52,10 +52,10 @@ def start(value, folds=None, level=2, **more):
 @pytest.mark.usefixtures("same_branch")
 def test_levels_with_other_folds_are_several_states():
     levels = [row(0.566, 5.0), row(0.52297, 4.0), row(0.52274, 4.0)]
-    found = find_states(SAG, levels, [start(0.5228, 4.0)], uncertainty=7e-4)
-    assert found.states == ((0.52274, 4.0), (0.566, 5.0))
-    assert found.distance == pytest.approx(0.566 - 0.52274)
-    assert found.why == "several states: 0.523 with 4 folds, 0.566 with 5 folds"
+    result = find_states(SAG, levels, [start(0.5228, 4.0)], uncertainty=7e-4)
+    assert result.states == ((0.52274, 4.0), (0.566, 5.0))
+    assert result.distance == pytest.approx(0.566 - 0.52274)
+    assert result.why == "several states: 0.523 with 4 folds, 0.566 with 5 folds"
 
 
 @pytest.mark.usefixtures("same_branch")
@@ -73,9 +73,9 @@ def test_levels_with_other_folds_are_several_states():
 )
 def test_a_start_has_another_state_by_its_folds_or_its_value(value, folds, uncertainty, is_other):
     levels = [row(0.53, 4.0), row(0.522, 4.0), row(0.52, 4.0)]
-    found = find_states(SAG, levels, [start(0.52, 4.0), start(value, folds)], uncertainty)
-    assert (len(found.states) == 2) == bool(found.why) == is_other
-    assert found.distance == pytest.approx((value - 0.52) * is_other)
+    result = find_states(SAG, levels, [start(0.52, 4.0), start(value, folds)], uncertainty)
+    assert (len(result.states) == 2) == bool(result.why) == is_other
+    assert result.distance == pytest.approx((value - 0.52) * is_other)
 
 
 @pytest.mark.usefixtures("same_branch")
@@ -111,9 +111,9 @@ def test_a_last_change_of_shape_as_large_as_the_one_before_leaves_the_branch(las
         each["displacement"] = factor * shape
         each["velocity"] = 0 * shape
     assert states.leaves_branch(rows) == (leaves and size == 1.0)
-    found = find_states(SAG, rows, [start(0.5)], 1e-3)
-    assert found.why.startswith("the levels are different") == (leaves and size == 1.0)
-    assert found.is_unknown == (leaves and size == 1.0)  # so that no ± is stated
+    result = find_states(SAG, rows, [start(0.5)], 1e-3)
+    assert result.why.startswith("the levels are different") == (leaves and size == 1.0)
+    assert result.is_unknown == (leaves and size == 1.0)  # so that no ± is stated
 
 
 def test_a_fit_names_cloths_with_other_folds_on_the_finer_mesh():

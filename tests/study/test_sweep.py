@@ -35,34 +35,34 @@ def scene(tmp_path):
 
 def test_the_tip_of_a_strip_over_its_stiffness(scene, tmp_path):
     over = "fabric.tensile_stiffness=5:500:log:3"
-    found = fc.study.sweep(scene, over, cache=tmp_path)
+    result = fc.study.sweep(scene, over, cache=tmp_path)
     exact = [1 + hanging_strip_tip(1.0, y, 0.2) for y in (5.0, 50.0, 500.0)]
-    np.testing.assert_allclose(found.table["tip.x"], exact, rtol=1e-4)
-    assert found.quantities == ("tip.x", "sag")  # all of [interest]
-    assert found.units == ("m", "m")
-    assert found.table["fabric.tensile_stiffness"] == [5.0, 50.0, 500.0]
-    assert found.verdict.startswith(f"tip.x from {exact[2]:.4g} to {exact[0]:.4g}")
+    np.testing.assert_allclose(result.table["tip.x"], exact, rtol=1e-4)
+    assert result.quantities == ("tip.x", "sag")  # all of [interest]
+    assert result.units == ("m", "m")
+    assert result.table["fabric.tensile_stiffness"] == [5.0, 50.0, 500.0]
+    assert result.verdict.startswith(f"tip.x from {exact[2]:.4g} to {exact[0]:.4g}")
 
 
 def test_two_keys_of_a_function_and_a_field():
     over = {"stiffness": [5.0, 50.0], "power": [0, 1]}
-    found = fc.study.sweep(strip, over, ["tip.x", "displacement"], h=0.25, probes=TIP)
-    assert found.table["power"] == [0, 1, 0, 1]
-    assert found.table["tip.x"][1] == pytest.approx(found.table["tip.x"][2], rel=1e-12)
+    result = fc.study.sweep(strip, over, ["tip.x", "displacement"], h=0.25, probes=TIP)
+    assert result.table["power"] == [0, 1, 0, 1]
+    assert result.table["tip.x"][1] == pytest.approx(result.table["tip.x"][2], rel=1e-12)
     same = fc.study.sweep(strip, "h=0.25,0.125", "tip.x", stiffness=5.0, probes=TIP)
-    assert same.table["tip.x"][0] == pytest.approx(found.table["tip.x"][0], rel=1e-12)
-    assert found.figure().axes[0].get_ylabel() == "tip.x [m]"
+    assert same.table["tip.x"][0] == pytest.approx(result.table["tip.x"][0], rel=1e-12)
+    assert result.figure().axes[0].get_ylabel() == "tip.x [m]"
 
 
 def test_a_refused_value_has_a_row_with_its_reason_and_the_others_run(scene):
     key = "fabric.tensile_stiffness"
     with pytest.raises(InputError, match=f"every value: .*{key} = -1.0: must be"):
         fc.study.sweep(scene, f"{key}=-1,-1", "tip.x")
-    found = fc.study.sweep(scene, f"{key}=-1,20", "tip.x")
-    assert found.table["status"] == ["refused", "ok"]
-    assert f"{key} = -1.0: must be" in found.table["cause"][0]
-    assert found.table["tip.x"][1] > 1
-    assert found.exit_status == 3
+    result = fc.study.sweep(scene, f"{key}=-1,20", "tip.x")
+    assert result.table["status"] == ["refused", "ok"]
+    assert f"{key} = -1.0: must be" in result.table["cause"][0]
+    assert result.table["tip.x"][1] > 1
+    assert result.exit_status == 3
     mesh = fc.study.sweep(scene, "cloth.h=3,0.25", "tip.x")
     assert "must be at most" in mesh.table["cause"][0]
     assert "/tmp" not in mesh.table["cause"][0]
@@ -114,10 +114,10 @@ def test_a_study_shows_what_is_to_be_checked_in_the_set_up(scene, tmp_path, caps
     scene.write_text(
         SCENE.replace("= 1.0", "= 40.0").replace("0.25", "10.0").replace("0.125", "5.0")
     )
-    found = fc.study.sweep(scene, "cloth.h=5.0", "sag")
-    line = next(doubt.line for doubt in found.doubts if "40 m long" in doubt.words)
+    result = fc.study.sweep(scene, "cloth.h=5.0", "sag")
+    line = next(doubt.line for doubt in result.doubts if "40 m long" in doubt.words)
     assert line.startswith("check: ")
     assert line in capsys.readouterr().err
-    assert line in found.summary()
-    assert "check: " in found.report(tmp_path / "report").read_text()
-    assert found.warnings == ()
+    assert line in result.summary()
+    assert "check: " in result.report(tmp_path / "report").read_text()
+    assert result.warnings == ()

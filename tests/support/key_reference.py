@@ -46,7 +46,7 @@ def scene_part() -> str:
     lines = []
     for title, classes in SECTIONS.items():
         lines += [f"### `{title}`" if title.startswith("[") else f"### {title}", ""]
-        lines += [line for one in classes for line in (*_rows(one), "")]
+        lines += [line for each in classes for line in (*_rows(each), "")]
         if title == "[time]":
             lines += _methods()
     return "\n".join([*lines, *_functions()]).strip()

@@ -29,8 +29,8 @@ def markdown(path: Path) -> str:
 
 def answer(path: Path) -> str:
     """The folded answer to the question that closes the page; "" if there is none."""
-    found = ANSWER.findall("\n".join(text for kind, text in cells(path) if kind == "markdown"))
-    return "".join(found)
+    result = ANSWER.findall("\n".join(text for kind, text in cells(path) if kind == "markdown"))
+    return "".join(result)
 
 
 def code_lines(code: Sequence[str]) -> int:

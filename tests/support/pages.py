@@ -55,13 +55,13 @@ class Section:
 
     @cached_property
     def blocks(self) -> list[Block]:
-        found = []
+        result = []
         for fence in FENCE.finditer(self.text):
             above = self.text[: fence.start()].rstrip().rsplit("\n\n", 1)[-1]
             named = re.findall(r"`([\w.-]+\.(?:toml|py|geo))`", above)
             file = named[-1] if named and above.endswith(":") else ""
-            found.append(Block(fence[1], fence[2], file))
-        return found
+            result.append(Block(fence[1], fence[2], file))
+        return result
 
     @property
     def prose(self) -> str:
@@ -106,7 +106,7 @@ def sections(page: str) -> list[Section]:
     """The sections of a page, in order."""
     text = read(page)
     outside = FENCE.sub(lambda fence: re.sub(r"[^\n]", "x", fence[0]), text)
-    starts = [0, *(found.start() for found in re.finditer(r"^## ", outside, re.MULTILINE))]
+    starts = [0, *(result.start() for result in re.finditer(r"^## ", outside, re.MULTILINE))]
     parts = [text[a:b] for a, b in zip(starts, [*starts[1:], len(text)], strict=True)]
     return [Section(page, part.splitlines()[0].lstrip("# "), part) for part in parts]
 

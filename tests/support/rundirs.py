@@ -23,26 +23,26 @@ def written(folder):
     files = (file for file in folder.rglob("*") if file.is_file())
     skipped = ("run.log", "summary.json")
     files = [f for f in files if f.name not in skipped and f.suffix != ".html"]
-    found = {str(file.relative_to(folder)): file.read_bytes() for file in files}
-    if "run.vtkhdf" in found:  # its values: HDF5 lays a file that was cut out in another way
-        found["run.vtkhdf"] = hdf_values(folder / "run.vtkhdf")
-    return found | {str(f.relative_to(folder)): record(f) for f in restart.files(folder)}
+    result = {str(file.relative_to(folder)): file.read_bytes() for file in files}
+    if "run.vtkhdf" in result:  # its values: HDF5 lays a file that was cut out in another way
+        result["run.vtkhdf"] = hdf_values(folder / "run.vtkhdf")
+    return result | {str(f.relative_to(folder)): record(f) for f in restart.files(folder)}
 
 
 def hdf_values(file):
     """All arrays of an HDF5 file, as bytes."""
-    h5py, found = pytest.importorskip("h5py"), {}
+    h5py, result = pytest.importorskip("h5py"), {}
     with h5py.File(file) as read:
-        found["NSteps"] = read["VTKHDF/Steps"].attrs["NSteps"]
+        result["NSteps"] = read["VTKHDF/Steps"].attrs["NSteps"]
         arrays = {name for name in names(read) if isinstance(read[name], h5py.Dataset)}
-        return found | {name: read[name][:].tobytes() for name in arrays}
+        return result | {name: read[name][:].tobytes() for name in arrays}
 
 
 def names(read):
     """Of all that an HDF5 file holds."""
-    found = []
-    read.visit(found.append)
-    return found
+    result = []
+    read.visit(result.append)
+    return result
 
 
 def restart_at(state, memory):

@@ -54,8 +54,8 @@ def refusal(call: str) -> fc.InputError:
 
 
 def words(error: fc.InputError) -> str:
-    """The message of an error, without addresses in memory."""
-    return re.sub("0x[0-9a-f]+", "0x…", str(error))
+    """The message of an error, without addresses in memory and the place of this repository."""
+    return re.sub("0x[0-9a-f]+", "0x…", str(error)).replace(str(FOLDER.parents[1]), "ROOT")
 
 
 def copy_scenes() -> list[Path]:

@@ -1,6 +1,7 @@
 """What the calls of `tests/messages/calls.txt` may name."""
 
 import math as math
+from dataclasses import dataclass as dataclass
 from functools import cache
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from fecloth.quantities.units import MOMENT as MOMENT
 from fecloth.quantities.units import PER_WIDTH as PER_WIDTH
 from fecloth.quantities.units import TIME as TIME
 from fecloth.quantities.units import quantity as quantity
+from fecloth.scene.probe_tables import read_measured as read_measured
 from fecloth.simulation.quantity import parse_quantity as parse_quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.simulation.quantity_values import signal_period as signal_period
@@ -30,9 +32,13 @@ from fecloth.simulation.resolve import solver_for as solver_for
 from fecloth.simulation.stability_limited import StabilityLimited as StabilityLimited
 from fecloth.stability import amplification as amplification
 from fecloth.stability import estimate as estimate
+from fecloth.study.fitting.experiment import Experiment as Experiment
+from fecloth.study.problem import StudyProblem as StudyProblem
 from fecloth.study.result import read_tolerance as read_tolerance
 from fecloth.study.uncertainty import estimate_uncertainty as estimate_uncertainty
+from fecloth.study.variants import parse_range as parse_range
 from fecloth.system.constraints import Constraints as Constraints
+from fecloth.terms.records import remembered as remembered
 
 NAN, INF = float("nan"), float("inf")
 ISOTROPIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)

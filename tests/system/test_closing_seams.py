@@ -7,6 +7,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.errors import InputError
+from fecloth.simulation.load_steps import LoadSteps
 
 FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
 GAP = 0.05
@@ -71,6 +72,14 @@ def test_load_steps_close_a_seam(element):
     stretch = (1 + GAP) / 1.0
     along = np.where(X[:, 0] > 0.51, X[:, 0] - GAP, X[:, 0]) * stretch
     np.testing.assert_allclose(x, np.column_stack([along, X[:, 1], 0 * along]), atol=1e-9)
+
+
+def test_the_work_of_load_steps_that_close_a_seam_is_stored():
+    system = opened(close=1.0)
+    result = fc.run(system, LoadSteps(8), system.rest(), t_end=1.0)
+    stored = result.energies["StVK"][-1]
+    assert result.energies["work:seams"][-1] == pytest.approx(stored, rel=2e-3)
+    assert np.abs(result.energies["remainder"]).max() < 1e-9 * stored
 
 
 def test_an_open_seam_without_a_time_is_refused():

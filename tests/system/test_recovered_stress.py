@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.mesh.recovered_strain import edges_of
 from fecloth.system.recovered_stress import (
     along_axes,
     nodal_places,
@@ -79,14 +80,20 @@ def test_the_axes_are_x_and_y_whatever_the_grain(strain):
 @pytest.mark.parametrize("element", ["P1", "P2"])
 @pytest.mark.parametrize("pattern", ["right", "unstructured"])
 def test_polynomials_are_recovered_exactly_also_at_the_border(element, pattern):
-    """On P1 linear values of triangles, on P2 the gradients of cubic nodal values."""
+    """On P1 linear strains, of what the edges have of them; on P2 gradients of cubic positions."""
     cloth = fc.Cloth.rectangle(1.0, 0.7, h=0.25, pattern=pattern, element=element)
     system = fc.System(cloth, fc.Fabric(0.2, Y, NU), [fc.StVK()])
     places = nodal_places(system.panel)
     X, Y_ = cloth.X[places.mean.tocoo().row].T  # one row or more of each node
     if element == "P1":
-        x, y = cloth.X[cloth.triangles].mean(axis=1).T
-        assert places.matrices[0] @ (2 * x - 3 * y + 1) == pytest.approx(2 * X - 3 * Y_ + 1)
+        edges, _ = edges_of(cloth.triangles)
+        x, y = cloth.X[edges].mean(axis=1).T
+        along = cloth.X[edges[:, 1]] - cloth.X[edges[:, 0]]
+        c, s = (along / np.linalg.norm(along, axis=1)[:, None]).T
+        strains = c * c * (2 * x - 3 * y) + s * s * (1 - y) + 2 * c * s * (x + 4 * y)
+        exact_values = 2 * X - 3 * Y_, 1 - Y_, X + 4 * Y_
+        for matrix, values in zip(places.matrices, exact_values, strict=True):
+            assert matrix @ strains == pytest.approx(values, abs=1e-9)
         return
     x, y = cloth.X.T
     along_x, along_y = (matrix @ (x**3 - x * y**2) for matrix in places.matrices)

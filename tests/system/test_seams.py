@@ -328,3 +328,16 @@ def test_errors_beside_a_seam_that_does_not_match_have_order_2(element, order):
         x = fc.equilibrium(system, system.state(exact), tolerance=1e-10).x
         errors.append(np.sqrt(np.mean(np.sum((x - exact) ** 2, axis=1))))
     assert np.log2(errors[1] / errors[2]) > order - 0.2
+
+
+def test_edges_that_meet_are_sewn_from_where_they_meet():
+    """As the two sides of a dart; the one of lower X begins at the border."""
+    X = np.array([[0, 0], [1, 0], [1.5, 1], [2, 0], [3, 0], [3, 2], [1.5, 2], [0, 2]], float)
+    triangles = [(0, 1, 2), (2, 3, 4), (2, 4, 5), (2, 5, 6), (2, 6, 7), (2, 7, 0)]
+    sets = {"left": [1, 2], "right": [2, 3]}
+    cloth = fc.Cloth.from_arrays(X, triangles, sets=sets)
+    with pytest.raises(InputError, match=r"at \(1.5, 1\) m by different ends.*reverse = true"):
+        fc.System(cloth, FABRIC, [fc.StVK()], seams=[fc.Seam("left", "right", close=1.0)])
+    seam = fc.Seam("left", "right", reverse=True, close=1.0)
+    system = fc.System(cloth, FABRIC, [fc.StVK()], seams=[seam])
+    assert len(system.constraints.followers.nodes) == 1

@@ -244,6 +244,17 @@ def test_the_plane_of_a_clamp_goes_along_with_the_edge(rng):
     np.testing.assert_allclose(f.sum(axis=0), 0.0, atol=1e-7 * np.abs(f).max())
 
 
+def test_a_guided_end_keeps_its_slope():
+    """q L³/(12 B) under a load q along the end, which slides across: a quarter of a free end."""
+    cloth = fc.Cloth.rectangle(1.0, 0.1, h=0.025, pattern="right")
+    fabric = fc.Fabric(0.2, 1e4, bending_rigidity=0.01)
+    guide = fc.Slide("right", direction=(0, 0, 1), clamp=True)
+    terms = [fc.StVK(), fc.PlateBending(), fc.EdgeForce("right", (0, 0, 1e-6))]
+    system = fc.System(cloth, fabric, terms, [fc.Pin("left", clamp=True), guide])
+    x = fc.equilibrium(system, system.rest()).x
+    assert x[cloth.nodes("right"), 2] == pytest.approx(1e-6 / (12 * 0.01), rel=2e-3)
+
+
 def test_where_the_cloth_lies_in_the_plane_there_is_no_symmetry(small):
     slide = fc.Slide("left", normal=(0, 0, 1), clamp=True)
     with pytest.raises(fc.InputError, match="where the cloth lies in the plane.*Leave the clamp"):

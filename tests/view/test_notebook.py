@@ -27,8 +27,8 @@ def test_repr_is_one_line(result):
         "<Result of 10 steps of BDF2() to t = 0.1 s, "
         f"error in time at most {100 * ended.time_error:.2g} % of the motion>": ended,
     }
-    for line, one in lines.items():
-        assert repr(one) == line
+    for line, each in lines.items():
+        assert repr(each) == line
 
 
 def test_a_result_is_figures_of_energies_and_probes(result):

@@ -65,12 +65,12 @@ def test_pictures_show_the_cloth_at_their_times(draw):
 
 @pytest.mark.stories
 def test_checks_are_those_of_a_weave(draw):
-    """Of four squares two have one dark thread and one has two; there is no colour bar."""
+    """Of four squares double have one dark thread and one has double; there is no colour bar."""
     picture = imageio.imread(draw("checks.png", "--field", "checks"))[..., :3]
     red, blue = picture[..., 0].astype(float), picture[..., 2].astype(float)
-    two, one = red < 0.5 * blue, (red > 0.6 * blue) & (red < 0.85 * blue)
-    assert two.sum() > 1000
-    assert 1.6 < one.sum() / two.sum() < 2.4
+    double, single = red < 0.5 * blue, (red > 0.6 * blue) & (red < 0.85 * blue)
+    assert double.sum() > 1000
+    assert 1.6 < single.sum() / double.sum() < 2.4
     assert not (picture[..., 1] > 1.2 * blue).any()  # the green and yellow of a colour bar
 
 

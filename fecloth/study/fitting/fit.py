@@ -60,9 +60,9 @@ def fit(
     refined
         Whether the fit is repeated with half of h and dt.
     specimens
-        Relative standard deviation of the curves of single specimens about their mean, as "5 %".
-        By default it is taken from the specimens in one direction: those that a column `repeat`
-        numbers, and experiments of the same problem.
+        By how much single specimens differ, as "5 %": the relative standard deviation of their
+        curves. By default it is taken from the specimens of one direction, which a column `repeat`
+        numbers, or which are experiments of the same problem.
     loss
         "linear", or "soft_l1": the residuals of points far off their curve count in proportion,
         not by their square, so that a few wrong points hardly move the constants.

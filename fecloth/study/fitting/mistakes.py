@@ -42,10 +42,38 @@ def far_points(column: Column) -> np.ndarray:
     return far if len(far) <= LARGEST_PART * len(r) else far[:0]
 
 
+def far_in_repeats(scatter: np.ndarray) -> list[tuple[int, int]]:
+    """Return (repeat, place) of single points far off, of repeats less their mean (R, n).
+
+    z is the distance of a value from the middle of its neighbours along the repeat: repeats of
+    other shapes are smooth. It is far beyond `FAR_POINT` standard deviations of all z, by their
+    median, and of the scatter itself. At each place the repeat with the largest z counts; a
+    neighbour of a larger z does not.
+    """
+    z = np.abs(scatter[:, 1:-1] - 0.5 * (scatter[:, :-2] + scatter[:, 2:]))
+    limit = FAR_POINT * max(NORMAL * float(np.median(z)), float(np.median(np.abs(scatter))))
+    largest = z.max(axis=0, initial=0.0)
+    neighbours = np.maximum(np.append(largest[1:], 0.0), np.append(0.0, largest[:-1]))
+    far = np.flatnonzero((largest > limit) & (largest > neighbours))
+    if len(far) > LARGEST_PART * scatter.shape[1]:
+        return []
+    return [(int(z[:, i].argmax()), int(i) + 1) for i in far]
+
+
 def describe_points(end: Evaluation) -> Iterator[str]:
     """Yield a sentence for each column with points far off their curve."""
     for column in end.fitted:
         points = column.points
+        if points.scatter is not None and points.along is not None and len(points.along) > 2:
+            places = [
+                f"specimen {repeat + 1} near {points.along[i]:.4g} {points.along_unit}".rstrip()
+                for repeat, i in far_in_repeats(points.scatter)
+            ]
+            if places:
+                yield (
+                    f"{column.label}: single points of {points.column} far off their curve: "
+                    f"{', '.join(places[:NAMED])}. Look at them"
+                )
         far = far_points(column)
         if not len(far):
             continue

@@ -258,7 +258,12 @@ def summarise(
         experiments=Table(tuple(rows)),
         points=table_of_points(end),
         fitted=fitted_tables(
-            fitting, values, intervals, covariance, scale, words.slack_of_next(end)[1]
+            fitting=fitting,
+            values=values,
+            intervals=intervals,
+            covariance=covariance,
+            scale=scale,
+            slack=words.mean_and_next(words.slacks(end).values())[1],
         ),
         remarks=(*remarks, *words.describe_held(fitting), *words.describe_assumed(end)),
     )

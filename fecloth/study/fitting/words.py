@@ -1,6 +1,6 @@
 """The answer of a fit in words: constants, what is not told, the law, mesh and step."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -98,17 +98,17 @@ def slacks(end: Evaluation) -> dict[str, float]:
     }
 
 
-def slack_of_next(end: Evaluation) -> tuple[float, float]:
-    """Return the mean slack, and the standard uncertainty of the next; NaN if it is not known.
+def mean_and_next(values: Collection[float]) -> tuple[float, float]:
+    """Return the mean of n values, and the standard uncertainty of the next one.
 
-    It is sd √(1 + 1/n) of n slacks, widened so that twice of it covers 95 % by Student's t.
+    It is sd √(1 + 1/n), widened so that twice of it covers 95 % by Student's t; NaN of one value.
     """
-    known = list(slacks(end).values())
-    if len(known) < 2:
-        return float(np.mean(known)) if known else np.nan, np.nan
-    n = len(known)
+    n = len(values)
+    if n < 2:
+        return float(np.mean(list(values))) if n else np.nan, np.nan
+    known = np.array(list(values))
     widened = float(stdtrit(n - 1, 0.5 + COVERAGE / 2)) / COVERS
-    return float(np.mean(known)), widened * float(np.std(known, ddof=1)) * np.sqrt(1 + 1 / n)
+    return float(known.mean()), widened * float(known.std(ddof=1)) * np.sqrt(1 + 1 / n)
 
 
 def describe_slack(end: Evaluation) -> Iterator[str]:
@@ -118,7 +118,7 @@ def describe_slack(end: Evaluation) -> Iterator[str]:
         return
     listed = ", ".join(f"{label} {shift:.3g}" for label, shift in known.items())
     unit = next((c.points.along_unit for c in end.fitted if c.label in known), "")
-    mean, u = slack_of_next(end)
+    mean, u = mean_and_next(known.values())
     text = f"slack: {listed} {unit}".rstrip()
     if unit == "m":
         text += f'. Write "after {1e3 * mean:.3g} mm" behind a quantity at a place'

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 import fecloth as fc
 from fecloth.scene.scene import Scene, load_scene
@@ -171,6 +170,8 @@ def net_force(drawn: np.ndarray, stiffness: Sequence[float]) -> np.ndarray:
 
 def stress(curve: Curve, E: np.ndarray) -> np.ndarray:
     """S [N/m] of a curve at E ≥ 0; beyond its last point the last slope goes on."""
+    from scipy.interpolate import CubicHermiteSpline
+
     inside = np.minimum(E, curve.end)
     spline = CubicHermiteSpline(curve.E, curve.S, curve.slopes)
     return np.asarray(spline(inside) + curve.slopes[-1] * (E - inside))

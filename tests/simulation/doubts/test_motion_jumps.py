@@ -51,14 +51,14 @@ def function(text):
     return system(lambda t: np.array(parts(t)))
 
 
-def found(system):
+def jumps_of(system):
     return warnings_before(system, 0.01, TIME, doubts=OF_MARCH)
 
 
 @pytest.mark.parametrize("make", stories_except([formula, function], formula))
 @pytest.mark.parametrize("text", JUMPS)
 def test_jumps_are_named_with_time_and_size(text, make):
-    (words,) = found(make(text))
+    (words,) = jumps_of(make(text))
     t, size = JUMPS[text]
     assert f"'right' jumps by {size:.2g}" in words
     assert f"at t = {t:.6g} s" in words
@@ -69,14 +69,14 @@ def test_jumps_are_named_with_time_and_size(text, make):
 @pytest.mark.parametrize("make", stories_except([formula, function], formula))
 @pytest.mark.parametrize("text", SMOOTH)
 def test_smooth_and_kinked_motions_are_no_jumps(text, make):
-    assert found(make(text)) == []
+    assert jumps_of(make(text)) == []
 
 
 @pytest.mark.parametrize(("t", "size"), [(0.1, 0.02), (0.2717, 0.3)])
 def test_jumps_of_obstacles_are_named(t, size):
     def tell(motion):
         ball = fc.shapes.Sphere((0, 0, -2), 0.5, motion=("0", "0", motion))
-        return found(fc.System(CLOTH, fc.Fabric(0.2, 500.0), [fc.StVK(), fc.Obstacle(ball)]))
+        return jumps_of(fc.System(CLOTH, fc.Fabric(0.2, 500.0), [fc.StVK(), fc.Obstacle(ball)]))
 
     (words,) = tell(f"0.2*t + where(t < {t}, 0, {size})")
     assert words.startswith(f"the motion of Obstacle jumps by {size:g} m at t = {t:g} s")
@@ -85,10 +85,10 @@ def test_jumps_of_obstacles_are_named(t, size):
 
 
 def test_the_remedy_removes_the_warning():
-    (words,) = found(formula("where(t < 0.1, 0, 0.05)"))
+    (words,) = jumps_of(formula("where(t < 0.1, 0, 0.05)"))
     remedy = words[words.index(", as ") + 5 : -len(" does")]
     assert remedy == "0.05 * smoothstep(0.1, 0.15, t)"
-    assert found(formula(remedy)) == []
+    assert jumps_of(formula(remedy)) == []
 
 
 def test_a_jump_is_no_warning_before_a_run():

@@ -245,8 +245,8 @@ def find(cloth=CLOTH["right"], start=None, dt=0.01, terms=(), pins=(), fabric=No
 
 @pytest.mark.parametrize(("words", "wrong", "right"), CASES)
 def test_a_wrong_set_up_is_warned_of_and_its_remedy_is_not(words, wrong, right):
-    (found,) = find(**wrong)
-    assert re.search(words, found)
+    (result,) = find(**wrong)
+    assert re.search(words, result)
     assert find(**right) == []
 
 

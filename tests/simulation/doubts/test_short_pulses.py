@@ -47,8 +47,8 @@ def test_a_pulse_is_named_with_its_time_and_a_remedy_that_works(kind):
     for begin, length in ((0.037, 0.01), (0.61, 0.03), (1.713, 0.06)):
         case = KINDS[kind](pulse(begin, length))
         (words,) = chosen(case)
-        found = re.search(r"acts for (\S+) s at t = (\S+) s.*longest = (\S+) ", words)
-        duration, start, longest = map(float, found.groups())
+        result = re.search(r"acts for (\S+) s at t = (\S+) s.*longest = (\S+) ", words)
+        duration, start, longest = map(float, result.groups())
         assert duration == pytest.approx(length, abs=0.02 * length + 1e-3)
         assert start == pytest.approx(begin, abs=1e-3)
         assert not chosen(case, fc.Auto(longest=longest))
@@ -108,11 +108,11 @@ def test_pulses_between_fixed_steps_are_named_with_a_step_that_sees_them(kind, d
     for place in (0.12, 0.21, 0.55):
         for length in (0.12, 0.4):
             begin = (np.floor(place / dt) + 0.1) * dt  # within one step
-            one = strip(**KINDS[kind](pulse(begin, length * dt)))
-            (words,) = warnings_before(one, dt, 0.7, doubts=[find_missed])
+            system = strip(**KINDS[kind](pulse(begin, length * dt)))
+            (words,) = warnings_before(system, dt, 0.7, doubts=[find_missed])
             proposed = float(words.split("dt <= ")[1].split()[0])
             assert proposed < 0.5 * length * dt
-            assert not warnings_before(one, proposed, 0.7, doubts=[find_missed])
+            assert not warnings_before(system, proposed, 0.7, doubts=[find_missed])
 
 
 @pytest.mark.stories
@@ -120,15 +120,15 @@ def test_pulses_between_fixed_steps_are_named_with_a_step_that_sees_them(kind, d
 def test_longest_bounds_the_steps_and_sees_the_pulse(method):
     cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.2, pattern="right")
     load = fc.Pressure("where((t > 0.03) and (t < 0.032), 20, 0)")
-    one = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK(), load], ["boundary"])
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK(), load], ["boundary"])
     steps = fc.Adaptive(method, 1e-2)
     with pytest.warns(fc.FeclothWarning, match="longest = 0.0005"):
-        blind = fc.run(one, steps, one.rest(), t_end=0.1)
+        blind = fc.run(system, steps, system.rest(), t_end=0.1)
     assert np.abs(blind.state.x[:, 2]).max() == 0.0
     steps = fc.Adaptive(method, 1e-2, longest=0.0005)
     with warnings.catch_warnings(record=True) as others:
         warnings.simplefilter("always")
-        seen = fc.run(one, steps, one.rest(), t_end=0.04)
+        seen = fc.run(system, steps, system.rest(), t_end=0.04)
     assert not any("jump over" in str(other.message) for other in others)
     assert np.diff(seen.times).max() < 0.0005 * (1 + 1e-9)
     assert seen.state.v[:, 2].max() > 0.05

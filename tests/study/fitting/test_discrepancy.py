@@ -32,7 +32,7 @@ def column(name, slopes, amplitudes, fitted=True, offset=False):
     return Column(specimen, points, (f - measured) / SIGMA, J, Computed(f, J, along))
 
 
-def found(columns, stated=None):
+def scale_of(columns, stated=None):
     unknowns = columns[0].jacobian.shape[1]
     return find_discrepancy(Evaluation(np.zeros(unknowns), {}, tuple(columns)), stated)
 
@@ -53,7 +53,7 @@ def test_a_slack_hides_the_amplitude_of_a_straight_line_but_not_of_a_curve():
 
 def test_specimens_differ_by_the_deviation_within_each_direction():
     a, b = np.array([0.03, -0.01, 0.01]), np.array([0.05, -0.01])
-    scale = found([column("warp", [1.0, 0.0], a), column("weft", [0.0, 1.0], b)])
+    scale = scale_of([column("warp", [1.0, 0.0], a), column("weft", [0.0, 1.0], b)])
     squares = ((a - a.mean()) ** 2).sum() + ((b - b.mean()) ** 2).sum()
     assert scale.specimens == pytest.approx(np.sqrt(squares / 3))
     assert scale.experiments == 5
@@ -70,13 +70,13 @@ def test_specimens_differ_by_the_deviation_within_each_direction():
 def test_one_specimen_a_direction_tells_only_the_sum_of_both():
     """One constant, a and −a: left out, each is off by 2 a, with the variance 2 φ²."""
     a = 0.03
-    scale = found([column("0", [1.0], [a]), column("90", [1.0], [-a])])
+    scale = scale_of([column("0", [1.0], [a]), column("90", [1.0], [-a])])
     assert np.isnan(scale.specimens)
     assert np.isnan(scale.law)
     assert scale.both == pytest.approx(np.sqrt(2) * a, rel=0.01)
-    stated = found([column("0", [1.0], [a]), column("90", [1.0], [-a])], stated=0.01)
+    stated = scale_of([column("0", [1.0], [a]), column("90", [1.0], [-a])], stated=0.01)
     assert stated.law == pytest.approx(np.sqrt(2 * a**2 - 0.01**2), rel=0.01)
-    assert found([column("0", [1.0], [a]), column("90", [1.0], [-a])], stated=0.1).law == 0.0
+    assert scale_of([column("0", [1.0], [a]), column("90", [1.0], [-a])], stated=0.1).law == 0.0
 
 
 def test_the_variance_of_a_prediction_by_its_definition():
@@ -84,7 +84,7 @@ def test_the_variance_of_a_prediction_by_its_definition():
     rng = np.random.default_rng(0)
     slopes = {"0": [1.0, 0.0], "45": [0.4, 0.7], "90": [0.1, 1.0], "70": [0.3, 0.8]}
     columns = [column(name, s, [0.0, 0.0]) for name, s in slopes.items()]
-    scale = found(columns, stated=0.02)
+    scale = scale_of(columns, stated=0.02)
     object.__setattr__(scale, "law", 0.05)
     for name, other in (("30", [0.7, 0.4]), ("45", slopes["45"])):
         v = scale.variance(read_curve(column(name, other, [0.0], fitted=False)))
@@ -98,7 +98,7 @@ def test_the_variance_of_a_prediction_by_its_definition():
 
 
 def test_what_the_others_do_not_tell_has_no_variance():
-    scale = found([column("0", [1.0, 0.0], [0.01, -0.01]), column("1", [1.0, 0.0], [0.0, 0.01])])
+    scale = scale_of([column("0", [1.0, 0.0], [0.01, -0.01]), column("1", [1.0, 0.0], [0.0, 0.01])])
     assert np.isnan(scale.variance(read_curve(column("90", [0.0, 1.0], [0.0], fitted=False))))
     assert np.isfinite(scale.variance(read_curve(column("2", [1.0, 0.0], [0.0], fitted=False))))
 

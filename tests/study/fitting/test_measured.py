@@ -94,17 +94,3 @@ def test_repeats_without_a_common_part():
     data = {"extension [m]": [0.0, 0.01, 0.02, 0.03], "force [N]": 4 * [1.0]}
     with pytest.raises(InputError, match="no part of the curve in common"):
         read(data | {"repeat": [1, 1, 2, 2]}, sigma="repeats")
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"quantity": {}}, "must be a mapping of columns"),
-        ({"along": {"a": "b", "c": "d"}}, 'must be "t", or a column'),
-        ({"along": None, "offset": True}, "needs along"),
-        ({"sigmas": "2 %"}, "Did you mean 'sigma'"),
-    ],
-)
-def test_refused_experiments(given, words):
-    with pytest.raises(InputError, match=words):
-        Experiment("scene", "data.csv", **({"quantity": QUANTITY} | given))

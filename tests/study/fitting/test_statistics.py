@@ -8,7 +8,9 @@ from scipy import stats
 
 from fecloth.study.fitting.evaluation import Column, Evaluation
 from fecloth.study.fitting.measured import Measured
+from fecloth.study.fitting.mistakes import far_in_repeats
 from fecloth.study.fitting.statistics import LARGEST_UNCERTAINTY, WRONG_LAW, _groups, statistics
+from fecloth.study.fitting.words import mean_and_next
 
 
 def facts_of(J, r, scatter=None, names=None):
@@ -170,3 +172,20 @@ def test_intervals_of_repeats_cover_errors_that_a_repeat_shares():
         return 0.3 * np.outer(random.standard_normal(4), X) + 0.1 * random.standard_normal((4, 10))
 
     assert 0.94 <= coverage(shared) <= 0.99
+
+
+def test_single_points_of_repeats_are_named_and_other_shapes_are_not():
+    s = np.linspace(0.0, 1.0, 36)
+    rng = np.random.default_rng(0)
+    curves = np.outer([0.95, 1.0, 1.05], s) + 0.3 * np.outer([1.0, 0.0, -1.0], s**3)
+    curves += 2e-3 * rng.normal(size=curves.shape)
+    assert far_in_repeats(curves - curves.mean(axis=0)) == []
+    curves[1, 20] *= 1.25
+    curves[2, 9] *= 1.01
+    assert far_in_repeats(curves - curves.mean(axis=0)) == [(1, 20)]
+
+
+def test_the_next_of_three_slacks():
+    mean, u = mean_and_next([1e-3, 2e-3, 3e-3])
+    assert (mean, u) == pytest.approx((2e-3, 4.3026527 / 2 * 1e-3 * np.sqrt(4 / 3)))
+    assert np.isnan(mean_and_next([1e-3])[1])

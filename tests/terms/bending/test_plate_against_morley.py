@@ -24,12 +24,6 @@ def turned(D, angle):
     return T.T @ D @ T
 
 
-def test_turned_rigidity_is_that_of_the_fabric_at_a_right_angle():
-    D = ORTHOTROPIC.plate()
-    swapped = D[[1, 0, 2]][:, [1, 0, 2]]
-    assert turned(D, np.pi / 2) == pytest.approx(swapped)
-
-
 @pytest.mark.stories
 @pytest.mark.parametrize(
     ("pattern", "edges", "fabric"),

@@ -1,4 +1,4 @@
-"""`PlateBending` over steps, and its damping."""
+"""`PlateBending` over steps."""
 
 import numpy as np
 import pytest

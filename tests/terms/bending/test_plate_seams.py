@@ -1,4 +1,4 @@
-"""Seams between two fabrics: what goes through them, exact solutions, and their order."""
+"""Seams between two fabrics: what goes through them, and exact solutions."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""`PlateBending` at large rotations, with rest shapes, clamps that turn, and seams."""
+"""`PlateBending` with clamps, also those that turn, and with rest shapes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The isometric quadratic form against hinges, cotangents and closed forms."""
+"""The isometric quadratic form against hinges and cotangents."""
 
 import numpy as np
 import pytest

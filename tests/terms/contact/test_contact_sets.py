@@ -65,24 +65,6 @@ def test_the_free_part_of_a_way_is_free(distance, way, rng):
     assert part >= min(1.0, 0.6 * distance / way)
 
 
-@pytest.mark.parametrize("distance", [0.5, 3.0])
-def test_the_free_part_keeps_a_tenth_of_the_way_in_reserve(distance):
-    """And another tenth by the collision detection."""
-    cloth, x, over = layers(distance * GAP)
-    way = np.where(over, -5 * distance * GAP, 0.0)[:, None] * [0, 0, 1]
-    assert bound(cloth).sets.free_part(x, x + way) * 5 == pytest.approx(0.9 * 0.9, rel=0.01)
-
-
-@pytest.mark.parametrize(("part", "is_kept"), [(0.8, True), (1.25, False)])
-def test_pairs_are_kept_while_no_node_has_moved_by_a_gap(part, is_kept):
-    cloth, x, _ = layers(4 * GAP)
-    sets = bound(cloth).sets
-    kept, moved = sets.candidates(x), x.copy()
-    moved[3] += part * GAP * np.array([0.6, 0.0, 0.8])
-    moved += 0.3 - (moved - x).mean(axis=0)  # what all nodes move alike does not count
-    assert (sets.candidates(moved) is kept) == is_kept
-
-
 @pytest.mark.parametrize(("aside", "is_kept"), [(0.8, True), (1.25, False)])
 @pytest.mark.parametrize("part", [0.0, 0.3, 1.0])
 def test_pairs_of_a_way_are_kept_within_a_gap_of_it(part, aside, is_kept, monkeypatch):
@@ -98,52 +80,6 @@ def test_pairs_of_a_way_are_kept_within_a_gap_of_it(part, aside, is_kept, monkey
     y += 0.3 - (y - x - part * way).mean(axis=0)
     assert (sets.candidates(y) is kept) == is_kept
     assert sets.candidates(x + 2.0 * way) is not kept
-
-
-def test_a_way_with_many_pairs_leaves_the_pairs_of_its_places():
-    cloth, x, over = layers(4 * GAP)
-    sets, way = bound(cloth).sets, np.where(over, -200 * GAP, 0.0)[:, None] * [0.0, 0.0, 1.0]
-    way[::2] *= -1
-    assert sets.candidates(x, x + way) is None
-    assert sets.candidates(x) is not None
-
-
-@pytest.mark.parametrize("way", [0.0, 0.5, 1.2])  # gaps
-@pytest.mark.parametrize(("part", "is_empty"), [(0.8, False), (1.25, True)])
-def test_no_pair_is_kept_where_all_are_too_far_to_touch(part, is_empty, way, monkeypatch):
-    """The least distance is then three gaps, and twice the way of the nodes."""
-    monkeypatch.setattr("fecloth.terms.contact.toolkit.MOST_PAIRS_PER_NODE", 1000)
-    cloth, x, over = layers(part * (3 + 2 * way) * GAP, h=0.05)
-    sets = bound(cloth).sets
-    x[:, 2] += 0.1 * x[:, 0]  # where edges turn away, boxes around them are larger
-    aside = np.where(over, way * GAP, -way * GAP)[:, None] * [1.0, 0.0, 0.0]
-    assert bool(len(sets.candidates(x, x + aside))) != is_empty
-
-
-@pytest.mark.parametrize(("part", "is_empty"), [(0.8, True), (1.25, False)])
-def test_the_distance_of_pairs_is_asked_for_up_to_six_gaps(part, is_empty, monkeypatch):
-    """Beyond it the pairs that boxes find are kept."""
-    monkeypatch.setattr("fecloth.terms.contact.toolkit.MOST_PAIRS_PER_NODE", 1000)
-    cloth, x, over = layers(8 * GAP, h=0.05)
-    sets, way = bound(cloth).sets, 0.5 * (part * 6 - 3)
-    x[:, 2] += 0.5 * x[:, 0]
-    aside = np.where(over, way * GAP, -way * GAP)[:, None] * [1.0, 0.0, 0.0]
-    assert bool(len(sets.candidates(x, x + aside))) != is_empty
-
-
-@pytest.mark.parametrize(("part", "is_kept"), [(0.8, True), (1.25, False)])
-def test_up_to_eight_pairs_for_each_node_are_kept(part, is_kept):
-    """More of them as more of two sheets lies over each other."""
-    cloth, x, over = layers()
-    for aside in np.linspace(0.1, 0.0, 400):
-        y = x + np.where(over, aside, 0.0)[:, None] * [1.0, 0.0, 0.0]
-        sets = bound(cloth).sets
-        pairs = sets.toolkit.Candidates()
-        pairs.build(sets.mesh, sets.nodes(y), 1.5 * GAP)
-        if len(pairs) >= 8 * part * len(x):
-            break
-    assert len(pairs) < 1.1 * 8 * part * len(x)
-    assert (sets.candidates(y) is not None) == is_kept
 
 
 def test_many_pairs_are_not_kept(monkeypatch):

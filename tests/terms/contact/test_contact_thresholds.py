@@ -8,9 +8,8 @@ import pytest
 from conftest import flat
 
 import fecloth as fc
-from fecloth.terms.contact.advance import advance, goes_through, move_out
+from fecloth.terms.contact.advance import advance, goes_through
 from fecloth.terms.contact.inside import cutting_depth
-from fecloth.terms.contact.points import _find_distinct
 from fecloth.terms.step_difference import StepDifference
 
 S = fc.shapes
@@ -88,34 +87,6 @@ def test_a_point_leaves_a_fifth_of_its_distance_or_of_the_gap(d, left):
     assert distance_left(plane, d, (1.0, 0.0, -9.0)) == pytest.approx(left)
 
 
-@pytest.mark.parametrize(("part", "more"), [(0.8, False), (1.25, True)])
-def test_the_search_for_the_way_ends_at_a_twentieth_of_what_must_be_left(part, more):
-    """Of a shape that is not convex each iteration leaves a third: the slope times 1.5."""
-    room = part * 0.05 * 0.2
-    left = distance_left(S.Sdf("z"), 0.2 + room * 3**5, (0.0, 0.0, -9.0))
-    assert left == pytest.approx(0.2 + (room / 3 if more else room), rel=1e-9)
-
-
-def test_the_search_for_the_way_ends_after_forty_iterations():
-    """Along a surface that is not convex, where the slope promises much less than there is."""
-    y, way = np.array([[0.0, 0.0, 2 * GAP]]), np.array([[1000 * GAP, 0.0, 0.0]])
-    (part,) = advance(S.Sdf("z"), y, way, 0.0, GAP)
-    assert part == pytest.approx(40 * 1.8 / (1.5 * 1000))
-
-
-def test_points_are_moved_out_of_a_shape_that_deforms_in_ten_iterations():
-    """Each halves what is left, as the slope is taken twice as large as it is."""
-
-    class Twice(S.Plane):
-        def slopes(self, y, t):
-            gradient, hessian = super().slopes(y, t)
-            return 2 * gradient, hessian
-
-    plane = Twice((0, 0, 0), (0, 0, 1))
-    (place,) = move_out(plane, np.array([[0.0, 0.0, -1.0]]), np.zeros(1), 0.0)
-    assert place[2] == pytest.approx(-(0.5**10))
-
-
 @pytest.mark.parametrize(("part", "through"), [(0.8, False), (1.25, True)])
 @pytest.mark.parametrize("shape", [S.Sphere((0, 0, 0), 1.0), S.Sdf("x**2 + y**2 + z**2 - 1")])
 def test_a_way_goes_through_where_it_leaves_more_than_a_right_angle_from_where_it_enters(
@@ -135,39 +106,7 @@ def test_a_way_past_the_edge_of_a_box_does_not_go_through(end, through):
     assert goes_through(box, np.array([[-3.0, 0.1, 0.5]]), np.array([end]), 0.0) == through
 
 
-@pytest.mark.parametrize(("radius", "through"), [(0.8 * 0.5, False), (1.25 * 0.5, True)])
-def test_a_way_is_looked_at_in_thirty_two_parts(radius, through):
-    """A ball between two of the places is not seen; one that reaches both of them is."""
-    ball = S.Sphere((16.5, 0.0, 0.0), radius)
-    begin, end = np.array([[[0.0, 0.0, 0.0]], [[32.0, 0.0, 0.0]]])
-    assert goes_through(ball, begin, end, 0.0) == through
-
-
-@pytest.mark.parametrize(
-    ("needed", "more"), [(0.5, 0), (1.5, 1), (10, 16), (0.8 * 33, 32), (1.25 * 33, 32)]
-)
-def test_nodes_leave_a_shape_that_deforms_by_up_to_thirty_two_gaps_more(needed, more, monkeypatch):
-    """The way is doubled until all points are outside, here `needed` gaps from the plane."""
-    plane = fc.Obstacle(S.Sdf("z + 0*t"), GAP)
-    sheet = fc.Cloth.rectangle(0.2, 0.1, 0.1, "right")
-    (term,) = fc.System(sheet, fc.Fabric(0.2, 100.0), [plane]).bound
-    monkeypatch.setattr(
-        type(term), "least_distance", lambda self, x, t: x[:, 2].min() - needed * GAP
-    )
-    places = term._move_nodes_out(flat(sheet) + [0, 0, GAP], 0.0, 0.1)
-    assert places[:, 2] == pytest.approx(np.full(len(places), (1 + more) * GAP))
-
-
 # --- points of the cloth --------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("part", "places"), [(0.4, 1), (1.25, 2)])
-def test_places_are_one_where_their_shape_functions_differ_by_round_off(part, places):
-    nodes = np.array([[3, 5, 7], [7, 3, 5]])
-    N = np.array([[0.5, 0.25, 0.25], [0.25, 0.5, 0.25 + part * 1e-9]])
-    first, number = _find_distinct(nodes, N)
-    assert len(first) == places
-    assert len(set(number.tolist())) == places
 
 
 def bound_triangle(dip, gap=GAP):
@@ -212,11 +151,3 @@ def test_stretched_triangles_dip_deeper(dip, stretch):
     exact = radius - math.sqrt(radius**2 - (stretch * 0.1 / parts) ** 2 / 3)
     told = cutting_depth(term.shape, term.gap, cloth, stretch)
     assert told == pytest.approx(exact, rel=0.05)
-
-
-@pytest.mark.parametrize(("part", "near"), [(0.8, True), (1.25, False)])
-def test_points_of_triangles_are_looked_at_up_to_two_edges_from_their_nodes(part, near):
-    """A point is at most 2 edges from the nearest node of a cloth that is stretched threefold."""
-    points = bound_triangle(0.5)[0].points[1]
-    found = points.candidates(np.full(3, GAP + part * 2 * 0.1), GAP)
-    assert len(found) == (len(points.areas) if near else 0)

@@ -13,7 +13,7 @@ from fecloth.mesh.surface import find_intersections
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.scene.scene import scene_of
-from fecloth.simulation.fixed_step import MOST_HALVINGS, FixedStep, HalvedMemory
+from fecloth.simulation.fixed_step import FixedStep
 from fecloth.terms.contact.guess import Way, find_guess
 
 # steps are coarse and meshes small by intent
@@ -88,14 +88,6 @@ def test_a_step_that_fails_is_repeated_over_half_of_it(most, repeated):
     assert step.memory.method_memory == step.size
 
 
-def test_a_step_is_at_least_a_256th():
-    least = 0.5**MOST_HALVINGS
-    assert least == 1 / 256
-    assert step_of(Stubborn(1.25 * least)).size == least
-    with pytest.raises(NewtonFailed, match="no step is short enough: at 0.0039 s too long"):
-        step_of(Stubborn(0.8 * least))
-
-
 def test_the_log_says_which_step_was_repeated_and_how_long_it_was(tmp_path, monkeypatch):
     def fails_above(method, system, state, dt, *others):
         if dt > 0.003:
@@ -116,12 +108,6 @@ def test_the_log_says_which_step_was_repeated_and_how_long_it_was(tmp_path, monk
     fc.run_scene(scene_of(scene), tmp_path / "out")
     words = "step 1 to 0.0025 s is repeated with 0.0025 s, after 2 longer attempts without"
     assert (tmp_path / "out" / "run.log").read_text().count(words) == 1
-
-
-def test_a_step_shortened_by_a_stop_does_not_count_as_a_failure():
-    step = step_of(Stubborn(1.0), horizon=0.1)
-    assert (step.size, step.memory.size) == (0.1, 1.0)
-    assert step_of(Stubborn(1.0), 0.75, HalvedMemory(0.5)).size == 0.5
 
 
 def test_a_state_that_has_crossed_is_refused_by_name():

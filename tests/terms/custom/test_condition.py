@@ -165,9 +165,6 @@ def test_a_wrong_derivative_is_refused(small):
         fc.System(small, FABRIC, [wrong])
 
 
-# --- a diagonal cable across a cloth -------------------------------------------------------------
-
-
 def test_pure_damper(small, rng):
     """k_s = 0: no energy, only dissipation."""
     nodes = edges(small).nodes

@@ -1,4 +1,4 @@
-"""Strain-rate damping: tangents, the omitted term, power, rigid motions."""
+"""Strain-rate damping: its force, the term that its tangent omits, and its law."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Strain-rate damping over a step: its potential, rigid motion, limit, energy balance, methods."""
+"""Strain-rate damping over a step: its stress, rigid motion, energy balance, methods."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Drag: force on a plate, tangents, power, terminal speed, ledger; invalid arguments."""
+"""Drag: the force on a plate, and its terminal speed."""
 
 import numpy as np
 import pytest
@@ -67,9 +67,3 @@ def test_fall_of_a_level_plate_to_its_terminal_velocity(law, sheet, isotropic):
     assert observed_order([2, 1], errors) == pytest.approx(2.0, abs=0.15)
     end = fc.run(system, fc.BackwardEuler(), system.rest(), 0.1, 8.0, solver="direct", newton=TIGHT)
     np.testing.assert_allclose(end.state.v[:, 2], -limit, rtol=1e-8)
-
-
-# --- the balance of momentum and of energy, step by step ------------------------------------------
-
-
-# --- what is refused, and scenes ------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Forces on edges: patch tests, closed forms, tangents, and what is refused."""
+"""Forces on edges: patch tests and closed forms."""
 
 import numpy as np
 import pytest
@@ -146,6 +146,3 @@ def test_numbers_formulas_and_functions_of_time(load, sheet, isotropic, rng):
     }[next(iter(load))]
     fixed = fc.EdgeForce("right", **at, follow=load.get("follow", False))
     np.testing.assert_allclose(f, force_of(fixed, sheet, isotropic, x), rtol=1e-14)
-
-
-# --- what is refused ------------------------------------------------------------------------------

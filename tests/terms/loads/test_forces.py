@@ -12,19 +12,6 @@ from fecloth.verify import check_term
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 
 
-# --- mass damping ---------------------------------------------------------------------------------
-
-
-def test_mass_damping_is_minus_rate_times_the_momentum(sheet, isotropic, rng):
-    check_term(fc.MassDamping(3.0))
-    system = fc.System(sheet, isotropic, [fc.MassDamping(3.0)])
-    x, v = rough(sheet, rng), rng.standard_normal((len(sheet.X), 3))
-    force = system.force(system.state(x, v))
-    np.testing.assert_allclose(force, -3.0 * system.mass.dot(v.ravel()).reshape(-1, 3), rtol=1e-12)
-    assert system.bound[0].power(x, v, 0.0) == pytest.approx(-np.vdot(force, v), rel=1e-13)
-    assert rate_bounds(system) == pytest.approx((0.0, 3.0), rel=1e-12)
-
-
 # --- point forces ---------------------------------------------------------------------------------
 
 

@@ -1,4 +1,4 @@
-"""Gas under the cloth: its volume, its tangent with the dense part, equilibrium, Boyle's law."""
+"""Gas under the cloth: its volume, its energy, and the dense part of its tangent."""
 
 import math
 

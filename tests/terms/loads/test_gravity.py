@@ -1,4 +1,4 @@
-"""Weight, potential and free fall."""
+"""Weight."""
 
 import numpy as np
 import pytest

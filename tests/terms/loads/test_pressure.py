@@ -1,4 +1,4 @@
-"""Follower pressure: its exact force and tangents, its work, and the inflated circular membrane."""
+"""Follower pressure: its force and tangents, and the inflated circular membrane."""
 
 import functools
 
@@ -52,9 +52,6 @@ def test_a_pressure_that_changes_in_time(sheet, isotropic):
         system = fc.System(sheet, isotropic, [fc.Pressure(p)])
         force = system.force(system.state(system.rest().x, t=2.0))
         np.testing.assert_allclose(force, expected, rtol=1e-15)
-
-
-# --- work -----------------------------------------------------------------------------------------
 
 
 # --- the circular membrane clamped at its rim -----------------------------------------------------

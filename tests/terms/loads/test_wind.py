@@ -1,4 +1,4 @@
-"""Drag in moving air: tangents, moving and hanging cloths, invalid arguments."""
+"""Drag in moving air: a sheet that hangs in it."""
 
 import numpy as np
 import pytest

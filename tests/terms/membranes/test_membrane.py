@@ -1,4 +1,4 @@
-"""The compiled membrane loop against scikit-fem forms, edge inner products and closed forms."""
+"""The compiled membrane loop against scikit-fem forms and closed forms."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Neo-Hookean membranes: derivatives, closed forms in uniform states, convexity and its limit."""
+"""Neo-Hookean membranes: closed forms in uniform states, convexity and its limit."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tethers: the spring's law, a closed form under a moving hand, the ledger, a scene."""
+"""Tethers: the spring's law, and the ledger."""
 
 import numpy as np
 import pytest
