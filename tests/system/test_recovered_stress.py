@@ -159,7 +159,7 @@ def test_where_pieces_overlap_or_fabrics_meet_a_region_is_needed():
 
 
 def test_two_membranes_add_up():
-    one = solved("P1", 0.25)[0]
-    x = displaced(one.cloth.X)
-    two = fc.System(one.cloth, one.fabric, [fc.StVK(), fc.StVK()])
-    assert stress_at_nodes(two)(x) == pytest.approx(2 * stress_at_nodes(one)(x))
+    single = solved("P1", 0.25)[0]
+    x = displaced(single.cloth.X)
+    two = fc.System(single.cloth, single.fabric, [fc.StVK(), fc.StVK()])
+    assert stress_at_nodes(two)(x) == pytest.approx(2 * stress_at_nodes(single)(x))

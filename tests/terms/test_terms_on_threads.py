@@ -56,18 +56,18 @@ def evaluate(cloth, term, threads):
     x = 1.02 * system.rest().x + 5e-4 * rng.standard_normal((len(cloth.X), 3))
     v = 0.1 * rng.standard_normal(x.shape)
     (bound,) = system.bound
-    found = []
+    results = []
     for each in (bound, *over_steps(bound, x - 1e-3 * v)):
         f = np.zeros_like(x)
         each.add_force(x, v, 0.1, f)
-        found.append(f)
+        results.append(f)
         for definite in (False, True):
             J = BlockMatrix.zeros(system.pattern, system.team)
             each.add_tangent(x, v, 0.1, 0.7, 0.3, J, definite)
-            found.append(J.values)
-        found.append(np.array([each.energy(x, 0.1)] if each.has_energy else []))
-        found.append(np.array([each.power(x, v, 0.1)] if each.dissipative else []))
-    return found
+            results.append(J.values)
+        results.append(np.array([each.energy(x, 0.1)] if each.has_energy else []))
+        results.append(np.array([each.power(x, v, 0.1)] if each.dissipative else []))
+    return results
 
 
 def over_steps(bound, start):

@@ -126,3 +126,25 @@ def touches_at_nodes(
         restitution=np.full(m, restitution),
         shares=sparse.csr_matrix(shares, shape=(len(counts), m)),
     )
+
+
+def collect_at_nodes(
+    normals: sparse.csr_matrix, pushed: np.ndarray
+) -> tuple[sparse.csr_matrix, np.ndarray, sparse.csr_matrix]:
+    """Return the rows (k, 3n), impulses Λ₀ (k,) and `shares` (m, k) of k nodes that m pairs push.
+
+    The `normals` (m, 3n) are the gradients of the distances from what is fixed, and `pushed` (m,)
+    the impulses of the barrier. The impulse of a node is collected as in `touches_at_nodes`.
+    """
+    P = np.reshape(normals.T @ pushed, (-1, 3))
+    size = np.linalg.norm(P, axis=1)
+    nodes = np.flatnonzero(size)
+    columns = 3 * nodes[:, None] + np.arange(3)
+    entries = P[nodes] / size[nodes, None]
+    begins = np.arange(0, columns.size + 1, 3)
+    rows = (entries.ravel(), columns.ravel(), begins)
+    axes_of_nodes = sparse.kron(sparse.identity(len(P)), np.ones((3, 1)), format="csc")[:, nodes]
+    weights = (normals.power(2) @ axes_of_nodes).sqrt()
+    shares = sparse.diags(pushed) @ weights @ sparse.diags(1 / size[nodes])
+    shape = (len(nodes), normals.shape[1])
+    return sparse.csr_matrix(rows, shape=shape), size[nodes], shares.tocsr()

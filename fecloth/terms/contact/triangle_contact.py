@@ -18,7 +18,7 @@ from fecloth.terms.contact.friction import STICK_OVER_BARRIER, Grips
 from fecloth.terms.contact.inside import MOST_NAMED
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.toolkit import ContactSets
-from fecloth.terms.contact.touches import Touches
+from fecloth.terms.contact.touches import Touches, collect_at_nodes
 from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import CONTACT
@@ -104,6 +104,12 @@ class BoundTriangleContact(BoundContact):
             return None
         pairs = self.sets.touching(y)
         normals = pairs.places.times_matrix(pairs.n[:, None])
+        pushes = pairs.push
+        shares = sparse.identity(len(pushes), format="csr")
+        if len(self.sets.fixed):
+            normals, pushes, shares = collect_at_nodes(normals.tocsr(), pushes)
+        if not len(pushes):
+            return None
         v_of_surface: np.ndarray = np.zeros_like(new.x)
         rows = normals
         if self.body is not None:
@@ -114,9 +120,9 @@ class BoundTriangleContact(BoundContact):
             rows=rows,
             surface=normals @ v_of_surface.ravel(),
             before=normals @ self.slip(old.x, old.v, old.t).ravel(),
-            pushed=h * pairs.push,
-            restitution=np.full(len(pairs.n), self.restitution),
-            shares=sparse.identity(len(pairs.n), format="csr"),
+            pushed=h * pushes,
+            restitution=np.full(len(pushes), self.restitution),
+            shares=shares,
         )
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
@@ -205,7 +211,8 @@ class SelfContact:
 
     Friction sticks and slides as for `Obstacle`, with k = 100 κ A/gap of each pair. Where a node
     goes over to the next triangle, the new pair takes over the stretch of the old one, so that
-    an anchor stays at its material points.
+    an anchor stays at its material points. Of two layers that stick to each other and turn
+    together about their normal, the stretch keeps its direction in space.
 
     An impact leaves the part `restitution` of the speed at which two layers close, as for
     `Obstacle`.

@@ -48,7 +48,7 @@ def test_plate_and_morley_approach_each_other(pattern, edges, fabric):
         other = morley.deflection(cloth.X, cloth.triangles, each, on_sides(cloth.X), clamp)
         exact = plates.square_deflection(cloth.X, D, edges)
         apart.append(abs(w - other).max() / other.max())
-        errors.append([abs(one - exact).max() / exact.max() for one in (w, other)])
+        errors.append([abs(each - exact).max() / exact.max() for each in (w, other)])
     assert apart[1] < 0.012
     assert 1.8 < np.log2(apart[0] / apart[1]) < 2.2
     assert errors[1][0] < errors[1][1] < 0.025

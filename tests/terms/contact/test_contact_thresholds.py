@@ -118,7 +118,7 @@ def bound_triangle(dip, gap=GAP):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fecloth.terms.contact.obstacle.is_installed", lambda: False)
         (term,) = fc.System(cloth, fc.Fabric(0.2, 100.0), [ball]).bound
-    parts = round((math.sqrt(1 + 8 * sum(len(one.areas) for one in term.points)) - 3) / 2)
+    parts = round((math.sqrt(1 + 8 * sum(len(each.areas) for each in term.points)) - 3) / 2)
     return term, cloth, parts
 
 
@@ -129,9 +129,9 @@ def test_an_edge_is_divided_where_a_triangle_dips_in_by_a_quarter_of_the_gap(par
 
 @pytest.mark.parametrize(("needed", "parts", "cuts"), [(7, 7, False), (8, 8, False), (10, 8, True)])
 def test_an_edge_has_eight_parts_at_most_and_the_rest_is_told(needed, parts, cuts):
-    term, cloth, found = bound_triangle(0.25 * (needed - 0.1) ** 2)
-    assert found == parts
-    assert sum(one.areas.sum() for one in term.points) == pytest.approx(cloth.area)
+    term, cloth, divided = bound_triangle(0.25 * (needed - 0.1) ** 2)
+    assert divided == parts
+    assert sum(each.areas.sum() for each in term.points) == pytest.approx(cloth.area)
     assert (cutting_depth(term.shape, term.gap, cloth) > 0) == cuts
 
 

@@ -3,8 +3,10 @@
 import math
 from dataclasses import replace
 
+import meshio
 import numpy as np
 import pytest
+import scipy.sparse as sparse
 from conftest import flat
 from support.obstacles import near
 from support.over_step import Over
@@ -12,6 +14,7 @@ from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.terms.contact.bound_contact import Touched
+from fecloth.terms.contact.pairs import PairPlaces
 from fecloth.terms.step_difference import StepDifference
 
 # steps are coarse and meshes small by intent
@@ -270,3 +273,38 @@ def test_a_block_on_a_shaken_plate_sticks_and_slips_as_the_scalar_equation_says(
     assert way[counts == 11].max() < min(1e-3 * way.max(), way[counts == 0].min())
     assert (counts == 11).sum() > 30
     assert (counts == 0).sum() > 300
+
+
+@pytest.mark.parametrize("kind", stories_except(["mesh", "piece"], "piece"))
+def test_a_patch_sticks_to_a_mesh_and_to_another_piece(kind, tmp_path):
+    """On a slope 2 % below the angle of friction, of triangles that are no multiples of its own."""
+    pytest.importorskip("ipctk")
+    angle, gap, pins = math.atan(0.98 * 0.5), 2e-3, []
+    patch, ground = fc.Cloth.rectangle(0.1, 0.1, h=0.028), fc.Cloth.rectangle(0.4, 0.2, h=0.05)
+    x = flat(patch) @ [[0.97, 0.24, 0], [-0.24, 0.97, 0], [0, 0, 1]] + [0.1, 0.04, 0.97 * gap]
+    if kind == "mesh":
+        cells = [("triangle", ground.triangles.astype(np.int32))]
+        meshio.write_points_cells(tmp_path / "ground.ply", flat(ground), cells)
+        cloth, contact = patch, fc.MeshObstacle(tmp_path / "ground.ply", gap, 0.5)
+    else:
+        cloth, x = fc.Cloth.join([patch, ground], ["patch", "ground"]), np.vstack([x, flat(ground)])
+        contact, pins = fc.SelfContact(gap, friction=0.5), ["ground"]
+    g = fc.Gravity((9.81 * math.sin(angle), 0, -9.81 * math.cos(angle)))
+    system = fc.System(cloth, fc.Fabric(0.2, 200.0, 0.3), [fc.StVK(), g, contact], pins)
+    states = [each for each, _ in fc.march(system, fc.BDF2(), system.state(x), 0.01, 0.6)]
+    way = states[-1].x - states[29].x
+    assert np.linalg.norm(way, axis=1).max() < 1e-7 * 0.3
+    assert (states[-1].x - x)[: len(patch.X), 0].max() < 1e-3
+
+
+def test_a_stretch_is_handed_on_to_the_pair_of_the_same_material_points():
+    """From a triangle to the one beside it; with the other sign where the parts are exchanged."""
+    before = PairPlaces(sparse.csr_matrix([[1, -0.5, -0.5, 0, 0], [0, 0, 0, 0, 1.0]]))
+    after = PairPlaces(
+        sparse.csr_matrix(
+            [[1, -0.49, -0.48, -0.03, 0], [-1, 0.5, 0.5, 0, 0], [0, 0, 0, 1.0, 0], [0, 0, 0, 0, 1]]
+        )
+    )
+    e, other = np.array([1.0, 2.0, 0.0]), np.array([0.0, 3.0, 0.0])
+    handed = after.hand_on(before, np.array([e, other]))
+    np.testing.assert_array_equal(handed, [e, -e, 0 * e, other])

@@ -12,6 +12,7 @@ from fecloth.integrators.impacts import Places, is_impact
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.doubts.terms import find_no_membrane
 from fecloth.simulation.fixed_step import FixedStep
+from fecloth.terms.contact.touches import collect_at_nodes
 
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 
@@ -247,3 +248,16 @@ def test_an_obstacle_around_the_flat_cloth_says_nothing_of_the_membrane():
     bare = fc.System(cloth, FABRIC, [fc.PlateBending(), ball])
     (doubt,) = find_no_membrane(PlannedRun(bare, start, steps, np.array([0.01])))
     assert "nan" not in doubt.words
+
+
+def test_impulses_at_nodes_are_the_same_force(rng):
+    """Of pairs with what is fixed, collected in nodes; friction gets the impulses of the pairs."""
+    weights = np.array([[0.5, 0.5, 0.0], [0.2, 0.3, 0.5]])
+    n = rng.standard_normal((2, 3))
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    normals = np.einsum("ai,ac->aic", weights, n).reshape(2, 9)
+    pushed = np.array([2.0, 3.0])
+    rows, size, shares = collect_at_nodes(sparse.csr_matrix(normals), pushed)
+    np.testing.assert_allclose(rows.T @ size, normals.T @ pushed)
+    np.testing.assert_allclose(shares @ size, pushed)
+    np.testing.assert_allclose(np.linalg.norm(rows.toarray(), axis=1), 1.0)

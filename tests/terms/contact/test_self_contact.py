@@ -43,8 +43,8 @@ def test_force_and_tangent_are_derivatives(element, thickness, rng):
     energies, forces = [], []
     for e in STEPS:
         ends = [system.state(x + sign * e * way) for sign in (1, -1)]
-        one, two = (system.energies(end)["SelfContact"] for end in ends)
-        energies.append((one - two) / (2 * e))
+        more, less = (system.energies(end)["SelfContact"] for end in ends)
+        energies.append((more - less) / (2 * e))
         forces.append((system.force(ends[0]) - system.force(ends[1])).ravel() / (2 * e))
     at = system.state(x)
     check_order([abs(computed + (system.force(at) * way).sum()) for computed in energies])
@@ -60,17 +60,17 @@ def check_order(errors):
 
 def test_the_force_on_a_flat_layer_is_the_pressure_of_the_barrier():
     """On two equal meshes at one distance: κ b'(s) on the area, from each side."""
-    one = fc.Cloth.rectangle(0.4, 0.4, 0.04, pattern="right")
-    n = len(one.X)
-    cloth = fc.Cloth.join([one, one], ["lower", "upper"])
-    x = np.column_stack([np.vstack([one.X, one.X]), np.repeat([0.0, 0.7 * GAP], n)])
+    layer = fc.Cloth.rectangle(0.4, 0.4, 0.04, pattern="right")
+    n = len(layer.X)
+    cloth = fc.Cloth.join([layer, layer], ["lower", "upper"])
+    x = np.column_stack([np.vstack([layer.X, layer.X]), np.repeat([0.0, 0.7 * GAP], n)])
     x[n:, :2] += 0.013  # no node over another
     system = fc.System(cloth, FABRIC, [fc.SelfContact(GAP, stiffness=300.0)])
     f = system.force(system.state(x))
     s = 0.7
     slope = -(8 * s * (s**2 - 1) * np.log(s) + 2 * (s**2 - 1) ** 2 / s)
     inner = np.flatnonzero((abs(x[:n, :2] - 0.2) < 0.11).all(axis=1))
-    share = one.diagonal_mass(np.ones(len(one.triangles)))[inner].sum()
+    share = layer.diagonal_mass(np.ones(len(layer.triangles)))[inner].sum()
     assert f[inner, 2].sum() == pytest.approx(8 / 3 * 300.0 * slope * share, rel=0.02)
     assert abs(f.sum(axis=0)).max() < 1e-12 * abs(f).sum()
 

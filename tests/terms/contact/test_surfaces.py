@@ -39,8 +39,8 @@ def test_a_surface_is_that_of_its_shape(name):
     outside = shape.distance(pose.to_body(beside), t) > 0.0  # but for slivers
     assert length[outside].sum() > 0.99 * length.sum()
     if volume:
-        found = np.einsum("qi,qi->q", np.cross(a, b), c).sum() / 6
-        assert found == pytest.approx(volume, rel=0.03)  # polyhedra inside
+        enclosed = np.einsum("qi,qi->q", np.cross(a, b), c).sum() / 6
+        assert enclosed == pytest.approx(volume, rel=0.03)  # polyhedra inside
     else:
         assert np.linalg.norm(points - place, axis=1).max() > 0.25
 
