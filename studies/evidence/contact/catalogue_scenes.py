@@ -133,7 +133,7 @@ def draw_cloth(rng, extent: float, most: float = 100, element: str = "", round_t
     element = element or draw_element(rng)
     triangles = rng.uniform(0.6 * most, most) / (4 if element == "P2" else 1)
     if round_too and rng.random() < 0.5:
-        h = edge(math.pi * extent**2 / 4, triangles)
+        h = min(edge(math.pi * extent**2 / 4, triangles), extent / 2)  # at most the radius
         return fc.Cloth.disk(extent / 2, h, element=element)
     return fc.Cloth.rectangle(extent, extent, edge(extent**2, triangles), element=element)
 
