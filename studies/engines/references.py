@@ -148,8 +148,10 @@ def knit(said: Said) -> tuple[float, float]:
         drawn = columns["clamp distance [mm]"][rows]
         across = columns["pin distance across [mm]"][rows]
         order = np.argsort(drawn, kind="stable")
-        narrowing = np.interp(0.125 * length, (drawn - drawn[0])[order], (across[0] - across)[order])
-        narrowings.append(1e-3 * narrowing)
+        extension = drawn - drawn[0]
+        narrowing = across[0] - across
+        at_place = np.interp(0.125 * length, extension[order], narrowing[order])
+        narrowings.append(1e-3 * at_place)
     return float(np.mean(narrowings)), float(np.std(narrowings, ddof=1))
 
 

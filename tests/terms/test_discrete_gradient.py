@@ -48,7 +48,7 @@ IN_SPACE = [(CLOTH, BOWL), (CLOTH, GAS)]
 IDS = [f"{type(term).__name__} on {cloth.element}" for cloth, term in OBJECTIVE + IN_SPACE]
 
 
-def one(cloth, term, size=0.5):
+def step_of(cloth, term, size=0.5):
     """A system of one term, and the ends of a step that turns it by `size` and strains it."""
     c, s, rng = np.cos(size), np.sin(size), np.random.default_rng(4)
     noise = 0.003 if isinstance(term, fc.NeoHookean) else 0.02  # its energy is +∞ where det C ≤ 0
@@ -73,7 +73,7 @@ def change(system, start, end):
 @pytest.mark.parametrize(("cloth", "term"), OBJECTIVE + IN_SPACE, ids=IDS)
 def test_the_correction_is_along_the_motion_weighted_by_mass(cloth, term):
     """u by a basis of the six rigid motions, from which d is cleared in the norm of the mass."""
-    system, start, end = one(cloth, term)
+    system, start, end = step_of(cloth, term)
     mean, d, m = (start + end) / 2, end - start, system.diagonal_mass[:, None]
     f = near(system, start, mean)
     r = d.copy()
@@ -84,15 +84,15 @@ def test_the_correction_is_along_the_motion_weighted_by_mass(cloth, term):
         r -= np.tensordot(np.linalg.lstsq(A, (np.sqrt(m) * d).ravel(), rcond=None)[0], rigid, 1)
     defect = change(system, start, end) + np.vdot(f, d)
     expected = f - defect / np.vdot(m * r, d) * (m * r)
-    found = over_step(system, start).force(system.state(mean))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+    computed = over_step(system, start).force(system.state(mean))
+    np.testing.assert_allclose(computed, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(("cloth", "term"), OBJECTIVE + IN_SPACE, ids=IDS)
 def test_it_differs_from_the_force_at_the_mean_by_the_square_of_the_step(cloth, term):
     differences = []
     for size in (1e-3, 5e-4):
-        system, start, end = one(cloth, term, size)
+        system, start, end = step_of(cloth, term, size)
         at = system.state((start + end) / 2)
         f = near(system, start, at.x)
         differences.append(np.linalg.norm(over_step(system, start).force(at) - f))
@@ -101,7 +101,7 @@ def test_it_differs_from_the_force_at_the_mean_by_the_square_of_the_step(cloth, 
 
 @pytest.mark.parametrize(("cloth", "term"), OBJECTIVE + IN_SPACE, ids=IDS)
 def test_a_step_that_goes_nowhere_has_the_force_and_tangent_of_its_state(cloth, term):
-    system, start, _ = one(cloth, term)
+    system, start, _ = step_of(cloth, term)
     over, at = over_step(system, start), system.state(start)
     f, K = system.force(at), system.stiffness(at)
     np.testing.assert_allclose(over.force(at), f, rtol=0, atol=1e-12 * np.abs(f).max())
@@ -115,7 +115,7 @@ def test_a_step_that_goes_nowhere_has_the_force_and_tangent_of_its_state(cloth, 
 @pytest.mark.parametrize("symmetric", [False, True])
 def test_the_force_of_the_mean_strain_has_its_tangent(cloth, term, symmetric):
     """Exact, or symmetric and exact of a step that goes nowhere; and the work of a quadratic W."""
-    system, start, end = one(cloth, term, 0.3)
+    system, start, end = step_of(cloth, term, 0.3)
     end = start + (end - start) * (0.0 if symmetric else 1.0)
     mean, direction = (start + end) / 2, np.random.default_rng(2).standard_normal(start.shape)
     method = fc.EnergyMomentum("symmetric" if symmetric else "exact")
@@ -141,7 +141,7 @@ def test_the_force_of_the_mean_strain_has_its_tangent(cloth, term, symmetric):
 
 def test_hinges_have_the_mean_of_the_angles_of_both_ends():
     """As the force at the mean with another angle at rest, for which θ there is that mean."""
-    system, start, end = one(CLOTH, fc.HingeBending(rest=0.2))
+    system, start, end = step_of(CLOTH, fc.HingeBending(rest=0.2))
     before, at, after = (hinge_angles(CLOTH, x) for x in (start, (start + end) / 2, end))
     other = fc.HingeBending(rest=tuple(0.2 + at - (before + after) / 2))
     assert np.abs(at - (before + after) / 2).max() > 1e-3
@@ -158,7 +158,7 @@ def test_springs_of_no_length_have_no_force_over_a_step():
 
 def test_a_step_that_only_turns_the_cloth_is_not_corrected():
     """Both N and u are round-off there."""
-    system, start, _ = one(CLOTH, fc.PlateBending(rest=0.4))
+    system, start, _ = step_of(CLOTH, fc.PlateBending(rest=0.4))
     c, s = np.cos(0.3), np.sin(0.3)
     end = start @ [[1, 0, 0], [0, c, s], [0, -s, c]]
     at = system.state((start + end) / 2)
@@ -177,13 +177,13 @@ def test_a_change_of_the_energy_by_round_off_is_not_corrected(part, corrects):
 
 
 def test_damping_acts_as_at_the_mean():
-    system, start, end = one(CLOTH, CABLE)
+    system, start, end = step_of(CLOTH, CABLE)
     v = np.random.default_rng(1).standard_normal(start.shape)
     mean, over = (start + end) / 2, over_step(system, start)
     viscous = system.force(system.state(mean, v)) - system.force(system.state(mean))
-    found = over.force(system.state(mean, v)) - over.force(system.state(mean))
+    computed = over.force(system.state(mean, v)) - over.force(system.state(mean))
     assert np.abs(viscous).max() > 1e-3
-    np.testing.assert_allclose(found, viscous, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(computed, viscous, rtol=0, atol=1e-12)
     power = system.bound[0].power(mean, v, 0.0)
     assert over.bound[0].power(mean, v, 0.0) == power > 0
 
@@ -191,13 +191,13 @@ def test_damping_acts_as_at_the_mean():
 def test_which_energies_no_rigid_motion_changes():
     pin = fc.Pin("left", clamp=True)
     clamped = fc.System(CLOTH, FABRIC, [fc.PlateBending()], pins=[pin]).bound[0]
-    found = [one(*case)[0].bound[0].objective for case in OBJECTIVE + IN_SPACE]
-    assert found == [True] * len(OBJECTIVE) + [False] * 2
+    computed = [step_of(*case)[0].bound[0].objective for case in OBJECTIVE + IN_SPACE]
+    assert computed == [True] * len(OBJECTIVE) + [False] * 2
     assert not clamped.objective
     radius = fc.Condition(lambda y: np.linalg.norm(y, axis=2), [[3], [4]], 1.0)  # no moment
     shift = fc.Condition(lambda y: y[:, 0, 0] - 2 * y[:, 1, 0], [[3, 4]], 1.0)
     angle = fc.Condition(lambda y: y[:, 0, 0] - y[:, 1, 0], [[3, 4]], 1.0)  # no resultant
-    assert not any(one(CLOTH, term)[0].bound[0].objective for term in (radius, shift, angle))
+    assert not any(step_of(CLOTH, term)[0].bound[0].objective for term in (radius, shift, angle))
 
 
 def fly(terms, cloth=CLOTH, dt=2e-3, t_end=0.02):
