@@ -15,7 +15,7 @@ from fecloth.compiled.team import (
     Team,
     number_of_threads,
 )
-from fecloth.compiled.threads import members, wait
+from fecloth.compiled.threads import Member, members, part_of, wait
 from fecloth.terms.loops.shared_loop import SharedLoop, divide
 
 ONE, ALL = Mode.ONE, Mode.ALL
@@ -209,3 +209,12 @@ def test_one_thread_does_all_where_there_is_only_one(monkeypatch):
     assert not team.shares(10**6)
     assert team.words(10**6) == "one thread"
     assert team.do("loop", lambda: "alone", lambda: "together") == "alone"
+
+
+def test_the_parts_of_threads_follow_each_other_and_are_all():
+    team = [Member(p, 3, np.zeros(1), np.zeros(1)) for p in range(3)]
+    parts = [part_of(member, 10, 21) for member in team]
+    assert parts[0][0] == 10
+    assert parts[-1][1] == 21
+    assert [end for _, end in parts[:-1]] == [begin for begin, _ in parts[1:]]
+    assert max(end - begin for begin, end in parts) <= 4

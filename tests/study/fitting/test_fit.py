@@ -368,6 +368,22 @@ def test_a_mistake_has_one_line_before_the_first_run(folder, monkeypatch, old, n
     assert len(str(error.value).splitlines()) == 1
 
 
+def test_a_place_at_the_end_of_the_reach_is_within_it(folder, monkeypatch):
+    from fecloth.study.fitting import evaluation
+
+    class Began(Exception):
+        pass
+
+    def begin(*_):
+        raise Began
+
+    monkeypatch.setattr(evaluation, "run_all", begin)
+    (folder / "FIT.toml").write_text(FIT.replace("offset = true\n", ""))
+    (folder / "tension.csv").write_text("extension [mm],force [N]\n50,20\n100,40\n")
+    with pytest.raises(Began):
+        fit_file.fit(folder / "FIT.toml")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
