@@ -41,6 +41,7 @@ FILLED |= {
     "render FILE": "swing.gif",
     "export FILE": "cloth.usda",
     "NAME": "Wind",
+    "view NAME": "velocity",
     "demo NAME": "sag",
     "demo DIR": "out/demo",
     "FABRIC": "interlock",

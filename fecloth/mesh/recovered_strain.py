@@ -26,6 +26,7 @@ import scipy.sparse as sparse
 from fecloth.mesh.recovery import LEAST_GOOD_PIVOT, solve_normal_equations
 
 EDGES = ((0, 1), (1, 2), (0, 2))  # corners of the midpoints 3, 4 and 5 of a triangle of P2
+PORTIONS = 8  # in which patches are fitted: all at once they take as much memory as a step
 MOST_RINGS = 4
 SPARE_POINTS = 1.3  # points of a patch over the coefficients of its polynomial, at least
 
@@ -280,12 +281,13 @@ def _fits(X, samples: Samples, stencil, group, polynomials) -> Iterator[tuple]:
         count = np.diff(patches.indptr)
         is_poor = np.zeros(len(remaining), bool)
         for size in np.unique(count):
-            chosen = np.flatnonzero(count == size)
-            numbers = patches.indices[patches.indptr[chosen, None] + np.arange(size)]
-            fit = Fit.of(samples, numbers, X[corner[remaining[chosen]]])
-            is_taken = fit.is_good | (ring == MOST_RINGS)
-            is_poor[chosen[~is_taken]] = True
-            yield remaining[chosen[is_taken]], np.flatnonzero(is_taken), fit
+            equal = np.flatnonzero(count == size)
+            for chosen in np.array_split(equal, min(PORTIONS, len(equal))):
+                numbers = patches.indices[patches.indptr[chosen, None] + np.arange(size)]
+                fit = Fit.of(samples, numbers, X[corner[remaining[chosen]]])
+                is_taken = fit.is_good | (ring == MOST_RINGS)
+                is_poor[chosen[~is_taken]] = True
+                yield remaining[chosen[is_taken]], np.flatnonzero(is_taken), fit
         remaining = remaining[is_poor]
         if not len(remaining):
             return

@@ -12,6 +12,7 @@ from studies.validation.drape.specimen import (
     HEIGHT,
     SPECIMEN,
     SUPPORT,
+    UNCERTAIN,
     H,
     lift,
     make_fabric,
@@ -68,7 +69,11 @@ def test_parts_of_made_up_rows(end):
     assert p.constants["bending_rigidity"] == pytest.approx(3 * math.log(1.1))
     assert p.constants["shear_stiffness"] == pytest.approx(-math.log(2.0))
     assert p.mass == pytest.approx(DENSITY * (3 - 1))
-    stiff = (3 * math.log(1.1)) ** 2 + math.log(2.0) ** 2 + (2 * math.log(1.15)) ** 2
+    stiff = (
+        (3 * math.log(1.1)) ** 2
+        + math.log(2.0) ** 2
+        + (2 * math.log(UNCERTAIN["bias_rigidity"])) ** 2
+    )
     squares = stiff + p.mass**2 + p.support**2
     assert p.input == pytest.approx(math.sqrt(squares))
     assert p.folds == [5, 4, 5, 4, 5]

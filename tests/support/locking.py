@@ -42,6 +42,6 @@ def hang(model: str, pattern: str, ratio: float, n: int, width: float = 0.5) -> 
     system = fc.System(cloth, fabric, terms, [fc.Pin("left", clamp=True)])
     along, z = (np.interp(cloth.X[:, 0], s, of) for of in (reach, -drop))
     start = system.state(np.column_stack([along, cloth.X[:, 1], z]))
-    hung = fc.equilibrium(system, start, tolerance=max(1e-8, 1e-15 * ratio))
+    hung = fc.equilibrium(system, start, tolerance=max(1e-8, 2e-15 * ratio))
     tip = hung.x[cloth.nodes("right")].mean(axis=0)
     return -tip[2] / tip[0] / (drop[-1] / reach[-1]) - 1

@@ -28,7 +28,7 @@ def on_a_slope(part, **keys):
 @pytest.mark.parametrize("dt", [0.02, 1e-3])
 @pytest.mark.parametrize("keys", [{}, {"restitution": 0.0}], ids=["elastic", "dead"])
 def test_a_sheet_laid_on_a_slope_neither_hops_nor_slides(keys, dt):
-    """Its nodes carry their own weight; it creeps by f₁(y) = 0.8 of the full friction."""
+    """Its nodes carry their own weight; the springs of friction give way by their part of it."""
     system, x, down, n = on_a_slope(0.8, **keys)
     start = fc.lay_down(system, system.state(x, np.ones_like(x)))
     assert not start.v.any()
@@ -38,9 +38,7 @@ def test_a_sheet_laid_on_a_slope_neither_hops_nor_slides(keys, dt):
         system, fc.BackwardEuler(), start, dt, 0.02, newton=fc.Newton(tolerance=1e-8)
     ):
         assert abs(state.x @ n - start.x @ n).max() < 1e-9 * GAP
-        assert 0 < (state.v @ down).max() < 1e-3 * 0.2
-    creep = (1 - math.sqrt(0.2)) * 1e-3 * 0.2
-    assert (state.v @ down).mean() == pytest.approx(creep, rel=0.005)  # it still gets faster
+        assert abs((state.x - start.x) @ down).max() < 0.01 * GAP
 
 
 def test_each_free_piece_is_laid_down_on_a_ball():

@@ -131,20 +131,24 @@ def touches_at_nodes(
 def collect_at_nodes(
     normals: sparse.csr_matrix, pushed: np.ndarray
 ) -> tuple[sparse.csr_matrix, np.ndarray, sparse.csr_matrix]:
-    """Return the rows (k, 3n), impulses Λ₀ (k,) and `shares` (m, k) of k nodes that m pairs push.
+    """Return the rows (k, 3n), impulses Λ₀ (k,) and `shares` (m, k) of k places of m pairs.
 
     The `normals` (m, 3n) are the gradients of the distances from what is fixed, and `pushed` (m,)
-    the impulses of the barrier. The impulse of a node is collected as in `touches_at_nodes`.
+    the impulses of the barrier. All pairs that touch one node of the cloth alone are one place:
+    its impulse is Σ Λ₀_a n_a, as in `touches_at_nodes`. A pair that touches between nodes stays a
+    place of its own: its nodes must not be as fast as what pushes them, where others are held.
     """
-    P = np.reshape(normals.T @ pushed, (-1, 3))
-    size = np.linalg.norm(P, axis=1)
-    nodes = np.flatnonzero(size)
-    columns = 3 * nodes[:, None] + np.arange(3)
-    entries = P[nodes] / size[nodes, None]
-    begins = np.arange(0, columns.size + 1, 3)
-    rows = (entries.ravel(), columns.ravel(), begins)
-    axes_of_nodes = sparse.kron(sparse.identity(len(P)), np.ones((3, 1)), format="csc")[:, nodes]
-    weights = (normals.power(2) @ axes_of_nodes).sqrt()
-    shares = sparse.diags(pushed) @ weights @ sparse.diags(1 / size[nodes])
-    shape = (len(nodes), normals.shape[1])
-    return sparse.csr_matrix(rows, shape=shape), size[nodes], shares.tocsr()
+    is_at_node = np.diff(normals.indptr) == 3
+    first = normals.indices[normals.indptr[:-1][is_at_node]] // 3
+    nodes, place_of_node = np.unique(first, return_inverse=True)
+    m = len(pushed)
+    places = len(nodes) + np.cumsum(~is_at_node) - 1
+    places[is_at_node] = place_of_node
+    k = len(nodes) + (~is_at_node).sum()
+    parts = sparse.csr_matrix((pushed, (places, np.arange(m))), shape=(k, m))
+    P = (parts @ normals).tocsr()
+    size = np.array(P.power(2).sum(axis=1)).ravel() ** 0.5
+    size[len(nodes) :] = pushed[~is_at_node]  # such a row keeps the weights of its nodes
+    acts = size > 0.0
+    per_size = sparse.diags(1 / size[acts])
+    return (per_size @ P[acts]).tocsr(), size[acts], (parts[acts].T @ per_size).tocsr()

@@ -226,7 +226,7 @@ def test_the_ledger_of_a_fast_obstacle_closes(name, e, method):
     work = run.energies["work:Obstacle"][-1]
     lost = run.energies["numerical"][-1] + run.energies["impacts"][-1]
     assert work > 1e-6
-    assert abs(run.energies["remainder"][-1]) < 0.03 * work
+    assert abs(run.energies["remainder"][-1]) < 0.04 * work
     assert -0.01 * work < lost < work + run.energies["total"][0]
 
 
@@ -251,13 +251,15 @@ def test_an_obstacle_around_the_flat_cloth_says_nothing_of_the_membrane():
 
 
 def test_impulses_at_nodes_are_the_same_force(rng):
-    """Of pairs with what is fixed, collected in nodes; friction gets the impulses of the pairs."""
-    weights = np.array([[0.5, 0.5, 0.0], [0.2, 0.3, 0.5]])
-    n = rng.standard_normal((2, 3))
+    """Pairs at one node are one place; friction gets the impulses of the pairs."""
+    weights = np.array([[0.0, 1.0, 0.0], [0.2, 0.3, 0.5], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    n = rng.standard_normal((4, 3))
     n /= np.linalg.norm(n, axis=1)[:, None]
-    normals = np.einsum("ai,ac->aic", weights, n).reshape(2, 9)
-    pushed = np.array([2.0, 3.0])
+    normals = np.einsum("ai,ac->aic", weights, n).reshape(4, 9)
+    pushed = np.array([2.0, 3.0, 1.0, 0.0])  # the last pair does not push
     rows, size, shares = collect_at_nodes(sparse.csr_matrix(normals), pushed)
+    assert rows.shape == (2, 9)
     np.testing.assert_allclose(rows.T @ size, normals.T @ pushed)
+    np.testing.assert_allclose(np.linalg.norm(rows[0].toarray()), 1.0)
+    np.testing.assert_allclose(rows[1].toarray()[0], normals[1])
     np.testing.assert_allclose(shares @ size, pushed)
-    np.testing.assert_allclose(np.linalg.norm(rows.toarray(), axis=1), 1.0)
