@@ -6,9 +6,10 @@ polynomials of its three corners are blended by the barycentric coordinates.
 - On P1 the strain is linear, and is fitted to the strains tᵀE t of the edges, at their middles.
 - On P2 the positions are cubic, and are fitted to the nodes; their gradient is what is recovered.
 
-The strain of an edge is that of its chord, and so are the strains of the triangles: on a curved
-cloth they, and not the strains of a smooth surface through the nodes, are near the exact ones.
-On a flat cloth its error at the middle of the edge is of order h², at the border, too.
+The strain of an edge is the strain of its chord, and the triangles have the strains of their
+chords, too. On a curved cloth the strains of chords are near the exact strains; the strains of a
+smooth surface through the nodes are not. On a flat cloth the strain of an edge has an error of
+order h² at the middle of the edge, also at the border.
 
 Source: Zienkiewicz and Zhu (1992), The superconvergent patch recovery and a posteriori error
 estimates, for the fits; Zhang and Naga (2005), A new finite element gradient recovery method:
@@ -37,7 +38,8 @@ class Rows(NamedTuple):
     Attributes
     ----------
     corner, group
-        (r,) corner of which the polynomial is, and group of the triangles of its patch.
+        (r,) the corner around which the polynomial is fitted, and the group of the triangles to
+        which it is fitted.
     at
         (r, 2) the places [m].
     """

@@ -161,7 +161,7 @@ class Pin:
         step ends there, and the method begins anew, as after a start. None: it holds for ever.
 
     Pins may meet: a node of several pins and slides that do not move is held by all of them
-    together. Those that move must hold it in the same directions and move it alike.
+    together. Pins that move must hold the node in the same directions and move it alike.
 
     Examples
     --------

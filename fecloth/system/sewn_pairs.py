@@ -59,7 +59,8 @@ def find_pairs(seams: Sequence, cloth: Cloth) -> list[SewnPair]:
 def standing_nodes(pairs: Sequence[SewnPair], n: int) -> np.ndarray:
     """The node (n,) that stands for each node: nodes that meet whole are one.
 
-    It is the lowest of those that follow none whole; the lowest of all if there is none.
+    It is the node with the lowest number that follows no other node whole. If each of them
+    follows another one, it is the node with the lowest number of all.
     """
     meeting = [
         (node, int(leaders[0]))

@@ -67,21 +67,14 @@ def main() -> int:
     sizes, t_end = ([100], 0.1 * T_END) if options.quick else (options.triangles, T_END)
     cases = [{"name": name, "triangles": n, "t_end": t_end} for n in sizes for name in names]
     rows = study.run_cases(cases, halve, **harness.run_options(options, alone=True))
-    title, what = harness.about(__doc__)
+    title, _ = harness.about(__doc__)
     harness.require_results(options, title, rows)
     errors = [row["error %"] for row in rows if row["status"] == "ok"]
     findings = [harness.Finding("largest error of a row, %", max(errors), high=ALLOWED)]
     hidden = ("t_end", "status", "cause")
     table = [{key: cell for key, cell in row.items() if key not in hidden} for row in rows]
-    return harness.write_report(
-        options,
-        title,
-        rows,
-        conclusion=what,
-        findings=findings,
-        tables={"Costs": table},
-        page=Path(__file__).with_suffix(""),
-    )
+    page = Path(__file__).with_suffix("")
+    return harness.conclude(options, __doc__, page, rows, findings, {"Costs": table})
 
 
 if __name__ == "__main__":

@@ -184,7 +184,7 @@ def main() -> int:
     names = options.only or (QUICK if options.quick else list(SCENES))
     cases = [{"scene": name, "dt": 1e-3 * options.dt, "quick": options.quick} for name in names]
     rows = study.run_cases(cases, run_one, time_limit=900.0, **harness.run_options(options))
-    title, what = harness.about(__doc__)
+    title, _ = harness.about(__doc__)
     harness.require_results(options, title, rows)
     done = [row for row in rows if row["status"] == "ok"]
     asked = 0.0 if options.quick else 0.8
@@ -202,15 +202,8 @@ def main() -> int:
     ]
     shown = ("scene", "triangles", "error %", "CPU s a second", "Newton a step", "doubts")
     table = [{name: row.get(name) for name in shown} for row in rows]
-    return harness.write_report(
-        options,
-        title,
-        rows,
-        conclusion=what,
-        findings=findings,
-        tables={"Scenes": table},
-        page=Path(__file__).with_suffix(""),
-    )
+    page = Path(__file__).with_suffix("")
+    return harness.conclude(options, __doc__, page, rows, findings, {"Scenes": table})
 
 
 if __name__ == "__main__":

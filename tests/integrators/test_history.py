@@ -170,7 +170,7 @@ def test_a_step_that_is_repeated_gives_the_same(name, system):
     ),
 )
 def test_the_ledger_closes_with_what_slips(name, system):
-    """The remainder is that of a run without the term, but for a thousandth of the heat."""
+    """The remainders of runs with and without the term differ by less than 0.1 % of the heat."""
     run = {"solver": "direct", "newton": TIGHT}
     alone = system.replace(terms=[fc.StVK(), fc.Gravity()])
     energies, without = (

@@ -113,7 +113,7 @@ def test_the_chart_says_of_which_quantity_its_errors_are():
 
 
 def test_no_labels_of_the_figure_collide_or_are_cut_off():
-    """Nor do the small words at the points, of which those that would collide are left out."""
+    """The small words at the points do not overlap: words without room are left out."""
     from matplotlib.text import Text
 
     drawing = made_up_chart().figure()

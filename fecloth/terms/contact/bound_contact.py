@@ -106,7 +106,7 @@ class BoundContact(BoundTerm):
     def grips(self, x: np.ndarray, t: float, forces: np.ndarray = NO_FORCES) -> Sequence[Grips]:
         """What touches at x (n, 3) and t, in the order of `find_touches`.
 
-        The normal forces are those of the barrier, or the `forces` (p,) [N] of `Touched`.
+        The normal forces are the forces of the barrier, or the `forces` (p,) [N] of `Touched`.
         """
         raise NotImplementedError
 
@@ -178,7 +178,8 @@ class BoundContact(BoundTerm):
     ) -> Friction:
         """The springs at the time t, with the anchors of the record `last`.
 
-        λ and the normals are those of the record, or those at the positions `now` (n, 3) at t.
+        λ and the normals are the ones of the record, or the ones at the positions `now` (n, 3)
+        at t.
         If it `holds`, no spring slides at the record's place.
         """
         if not self.friction:

@@ -110,7 +110,7 @@ def touches_at_nodes(
     columns = 3 * nodes[:, None] + np.arange(3)
     normals = P[nodes] / size[nodes, None]
     rows = (normals.ravel(), columns.ravel(), np.arange(0, 3 * m + 1, 3))
-    place = np.cumsum(size > 0.0) - 1  # of each node, among those that are pushed
+    place = np.cumsum(size > 0.0) - 1  # number of a pushed node among the pushed nodes
     parts = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     counts = np.concatenate([np.full(*kind.nodes.shape) for kind in kinds])
     shares = (
@@ -136,7 +136,8 @@ def collect_at_nodes(
     The `normals` (m, 3n) are the gradients of the distances from what is fixed, and `pushed` (m,)
     the impulses of the barrier. All pairs that touch one node of the cloth alone are one place:
     its impulse is Σ Λ₀_a n_a, as in `touches_at_nodes`. A pair that touches between nodes stays a
-    place of its own: its nodes must not be as fast as what pushes them, where others are held.
+    place of its own: where some of its nodes are held, the free nodes must move faster than what
+    pushes them.
     """
     is_at_node = np.diff(normals.indptr) == 3
     first = normals.indices[normals.indptr[:-1][is_at_node]] // 3

@@ -1,4 +1,4 @@
-"""`PlateBending` with clamps, also those that turn, and with rest shapes."""
+"""`PlateBending` with clamps at rest, with clamps that turn, and with rest shapes."""
 
 import numpy as np
 import pytest
