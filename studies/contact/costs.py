@@ -64,7 +64,7 @@ def main() -> int:
     sizes = {"type": int, "nargs": "+", "default": list(SIZES), "metavar": "N"}
     options = harness.parse_arguments(__doc__, triangles=sizes)
     names = ("cloth on a box", "cloth on a ball", "curtain and wall")
-    sizes, t_end = ([100], 0.1 * T_END) if options.quick else (options.triangles, T_END)
+    sizes, t_end = ([100], 0.4 * T_END) if options.quick else (options.triangles, T_END)
     cases = [{"name": name, "triangles": n, "t_end": t_end} for n in sizes for name in names]
     rows = study.run_cases(cases, halve, **harness.run_options(options, alone=True))
     title, _ = harness.about(__doc__)
