@@ -110,7 +110,7 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     c = np.where(strikes, touches.restitution * approach, 0.0)
     impulses, q = touches.pushed, pushed
     if ((u > c) | strikes).any():
-        touched = Places(system.free_mass, rows, free, touches.pushed)
+        touched = Places(system.free_mass, solve_mass, rows, free, touches.pushed)
         impulses, q = touched.find_impulses(c, strikes)
     beyond = impulses - touches.pushed
 
@@ -174,6 +174,8 @@ class Places(NamedTuple):
     ----------
     mass
         (f, f) the mass ZᵀMZ, see `System.admissible`.
+    solve_mass
+        The function b ↦ mass⁻¹ b.
     rows
         (m, f) G Z.
     free
@@ -183,6 +185,7 @@ class Places(NamedTuple):
     """
 
     mass: sparse.csc_matrix
+    solve_mass: Callable[[np.ndarray], np.ndarray]
     rows: sparse.csr_matrix
     free: np.ndarray
     pushed: np.ndarray
@@ -260,7 +263,7 @@ class Places(NamedTuple):
             return impulses
 
         alone = np.clip(COMPLIANCE * (c - self.free) / gives, 0.0, most)
-        q = inverse_of(self.mass)(self.rows.T @ alone)
+        q = self.solve_mass(self.rows.T @ alone)
         if self.are_apart:
             return alone, q
         for _ in range(MOST_ITERATIONS):

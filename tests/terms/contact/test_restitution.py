@@ -8,7 +8,7 @@ from conftest import flat
 from support.tiers import stories_except
 
 import fecloth as fc
-from fecloth.integrators.impacts import Places, is_impact
+from fecloth.integrators.impacts import Places, inverse_of, is_impact
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.doubts.terms import find_no_membrane
 from fecloth.simulation.fixed_step import FixedStep
@@ -23,7 +23,8 @@ FLOOR = fc.shapes.Plane((0, 0, 0), (0, 0, 1))
 
 def places(G, m, v, pushed):
     """Places with the rows G (m, f) of nodes with masses m (f,) and velocities v (f,)."""
-    return Places(sparse.diags(m).tocsc(), sparse.csr_matrix(G), G @ v, np.asarray(pushed))
+    mass = sparse.diags(m).tocsc()
+    return Places(mass, inverse_of(mass), sparse.csr_matrix(G), G @ v, np.asarray(pushed))
 
 
 def test_the_impulses_of_connected_places_are_those_of_least_squares(rng):
