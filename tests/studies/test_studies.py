@@ -57,7 +57,7 @@ def run_here(monkeypatch, capsys):
         ("lecture", "0 checks failed"),
         ("contact", "part of the exact values within ±, h and dt: 1 >= 0.8: met"),
         ("contact.everyday", "part of the scenes that end: 1 >= 1: met"),
-        ("contact.costs", "largest error of a row, %: 0 <= 1: met"),
+        ("contact.costs", " <= 1: met"),
         ("evidence.contact.time_errors", "share that is at least the true error: 1 >= 0: met"),
         ("fit.twins", "warp: share of 2 twins whose interval covers the truth: 1 >= 0.9: met"),
         ("budget", "of 1 cloths that buckle or fold, sampled: 1 >= 1: met"),
