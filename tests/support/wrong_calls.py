@@ -1,4 +1,4 @@
-"""What the calls of `tests/messages/calls.txt` may name."""
+"""What the calls of `tests/messages/calls.txt` and `files.txt` may name."""
 
 import math as math
 from dataclasses import dataclass as dataclass
@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 from support.study_functions import fail_or_return as fail_or_return
 from support.study_functions import return_setting as return_setting
 
@@ -132,6 +133,43 @@ def uncertain(table):
 
 def mesh(X=QUAD_X, triangles=QUAD_T, where="sheet", **options):
     return FlatMesh.from_arrays(X, triangles, where=where, **options)
+
+
+# files of meshes
+MESHES = Path(__file__).parents[2] / "meshes"
+FILES = Path(__file__).parents[1] / "messages" / "meshes"
+
+
+def read(file, **given):
+    """What a file is read as: its size, its sets by their length or number of triangles, notes."""
+    path = FILES / file if isinstance(file, str) else file
+    if path.suffix in (".vtp", ".vtk"):
+        pytest.importorskip("pyvista")
+    cloth = fc.Cloth.read(path, **given)
+    shape = f"{len(cloth.X)} nodes, {len(cloth.triangles)} triangles of {cloth.element}"
+    ends = {name: np.diff(cloth.X[edges], axis=1) for name, edges in cloth.edge_sets.items()}
+    sets = [f"{name}: {np.linalg.norm(each, axis=2).sum():.6g} m" for name, each in ends.items()]
+    sets += [f"{name}: {len(part)} triangles" for name, part in cloth.triangle_sets.items()]
+    return [f"{shape}, {cloth.area:.6g} m²", *sets, *cloth.notes]
+
+
+def written(name, text):
+    """A file of the working directory with this text."""
+    Path(name).write_text(text)
+    return Path(name)
+
+
+def geo(extra):
+    """The file of a square with further commands."""
+    return written("s.geo", (MESHES / "square.geo").read_text() + extra)
+
+
+def msh(*changes):
+    """The file of two triangles with changes of its text."""
+    text = (FILES / "own_numbers.msh").read_text()
+    for old, new in changes:
+        text = text.replace(old, new)
+    return written("s.msh", text)
 
 
 # what a run has recorded, and problems of studies
