@@ -8,8 +8,9 @@ from support import transcripts
 
 @pytest.mark.parametrize(("call", "expected"), transcripts.blocks("calls.txt"))
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of the wrong values themselves
-def test_wrong_arguments_are_answered_as_written(call, expected):
+def test_wrong_arguments_are_answered_as_written(call, expected, tmp_path, monkeypatch):
     """A message says what is wrong, its place, and what is allowed or how to mend it."""
+    monkeypatch.chdir(tmp_path)
     refused = transcripts.refusal(call)
     assert transcripts.words(refused) == expected
     for error in (refused, *refused.also):

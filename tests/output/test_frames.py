@@ -219,12 +219,9 @@ def test_a_frame_of_something_else_is_refused(system, states, tmp_path):
     plain.write_bytes(text.replace(b"TimeValue", b"Time"))
     with pytest.raises(InputError, match="no TimeValue"):
         read_frame(plain, cloth)
-    for broken in (text[: len(text) // 2], b"", b"hello"):
-        plain.write_bytes(broken)
-        with pytest.raises(InputError, match=r"plain.vtu: cannot be read"):
-            read_frame(plain, cloth)
-    with pytest.raises(InputError, match=r"none.vtu: cannot be read"):
-        read_frame(tmp_path / "none.vtu", cloth)
+    plain.write_bytes(text[: len(text) // 2])
+    with pytest.raises(InputError, match=r"plain.vtu: cannot be read"):
+        read_frame(plain, cloth)
 
 
 # --- killed ---------------------------------------------------------------------------------------

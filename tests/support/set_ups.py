@@ -1,4 +1,4 @@
-"""Set-ups that `tests/messages/set_ups.txt` names, and what is warned of before their first step."""
+"""Set-ups that `tests/messages/set_ups.txt` names, and what is said of them before a run."""
 
 import numpy as np
 from support.planned import warnings_before

@@ -67,8 +67,9 @@ def refusal(call: str) -> fc.InputError:
 
 
 def words(error: fc.InputError) -> str:
-    """The message of an error, without addresses in memory and the place of this repository."""
-    return re.sub("0x[0-9a-f]+", "0x…", str(error)).replace(str(FOLDER.parents[1]), "ROOT")
+    """The message of an error, without addresses in memory and the places of files."""
+    text = re.sub("0x[0-9a-f]+", "0x…", str(error)).replace(str(FOLDER.parents[1]), "ROOT")
+    return text.replace(os.getcwd(), "FOLDER")
 
 
 def copy_scenes() -> list[Path]:

@@ -255,12 +255,6 @@ def test_a_guided_end_keeps_its_slope():
     assert x[cloth.nodes("right"), 2] == pytest.approx(1e-6 / (12 * 0.01), rel=2e-3)
 
 
-def test_where_the_cloth_lies_in_the_plane_there_is_no_symmetry(small):
-    slide = fc.Slide("left", normal=(0, 0, 1), clamp=True)
-    with pytest.raises(fc.InputError, match="where the cloth lies in the plane.*Leave the clamp"):
-        fc.System(small, SHEET, [fc.PlateBending()], [slide])
-
-
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("solver", stories_except(["direct", "pcg", "multigrid"], "pcg"))
 def test_uniaxial_tension_between_two_slides(solver, turned, small, isotropic, rng):
