@@ -8,6 +8,7 @@ import shutil
 
 import numpy as np
 import pytest
+from support.tiers import in_turn
 from support.wrong_calls import FILES
 
 import fecloth as fc
@@ -98,8 +99,7 @@ def test_quadrilaterals_are_split_along_the_better_diagonal():
 # --- frames of a run ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("element", ["P1", "P2"])
-@pytest.mark.parametrize("suffix", [".vtu", ".vtkhdf"])
+@pytest.mark.parametrize(("element", "suffix"), in_turn(["P1", "P2"], [".vtu", ".vtkhdf"]))
 def test_a_frame_is_read_as_its_flat_cloth(tmp_path, element, suffix):
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right", element=element)
     system = fc.System(cloth, fc.Fabric(0.2, 1e3, 0.3), [fc.StVK()])
