@@ -233,11 +233,5 @@ def test_a_scene_has_the_columns_that_it_names_and_no_others(scene, tmp_path):
     assert more == {"distance of left edge and grip", *(f"line_force:right.{c}" for c in "xyz")}
 
 
-UNITS = {"distance of a and b": "m", "max folds": "", "line_force.grip.x": "N/m"}
-
-
-def test_their_units_and_columns():
-    units = {text: parse_quantity(text).unit() for text in UNITS}
-    assert units == UNITS
+def test_the_column_of_a_force_per_width():
     assert parse_quantity("line_force.grip.x at 0.3 s").column == "line_force:grip.x"
-    assert parse_quantity("min drape_coefficient").unit() == ""

@@ -102,7 +102,9 @@ def test_fields_in_l2_and_h1():
     ("text", "unit"),
     [("tip.z", "m"), ("energy.StVK", "J"), ("total", "J"), ("reaction.left.z", "N")]
     + [("path of tip", "m"), ("period of sag", "s"), ("frequency(1)", "Hz"), ("volume", "m³")]
-    + [("displacement", "m²"), ("displacement in H1", "m"), ("largest_stretch", "")],
+    + [("displacement", "m²"), ("displacement in H1", "m"), ("largest_stretch", "")]
+    + [("distance of a and b", "m"), ("max folds", ""), ("line_force.grip.x", "N/m")]
+    + [("min drape_coefficient", "")],
 )
 def test_units(text, unit):
     assert parse_quantity(text).unit(["total"]) == unit
