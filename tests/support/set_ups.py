@@ -1,6 +1,7 @@
 """Set-ups that `tests/messages/set_ups.txt` names, and what is said of them before a run."""
 
 import numpy as np
+from support.linear_term import LinearMembrane as LinearMembrane
 from support.planned import warnings_before
 
 import fecloth as fc
@@ -76,3 +77,12 @@ def unused(*given, **constants):
 
 class Own(fc.StVK):
     """A term of a user, which may use any constant."""
+
+
+def error_in_space(*given, height=0.02):
+    """What is said of the error in space of a sheet with waves of this height."""
+    system = fc.System(CLOTH, fc.Fabric(**STIFF), given)
+    X, Y = CLOTH.X.T
+    wave = height * np.sin(30 * X + 1) * np.cos(20 * Y)
+    state = system.state(np.column_stack([CLOTH.X * (1.0 + height), wave]))
+    return [str(fc.space_error(system, state))]
