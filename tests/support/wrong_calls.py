@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from support import matrices as matrices
 from support.study_functions import fail_or_return as fail_or_return
 from support.study_functions import return_setting as return_setting
 
@@ -14,6 +15,7 @@ from fecloth import study as study
 from fecloth.homogenisation import bending_tensor as bending_tensor
 from fecloth.homogenisation import strip_rigidity as strip_rigidity
 from fecloth.integrators.protocol import MethodTraits as MethodTraits
+from fecloth.linalg import select as select
 from fecloth.mesh.flat_mesh import FlatMesh as FlatMesh
 from fecloth.mesh.grading import Grading as Grading
 from fecloth.quantities.columns import factor_to_si as factor_to_si
@@ -62,6 +64,13 @@ def force(*terms):
     """The force at rest, where a value is found out that was not known before."""
     bound = system(*terms)
     return bound.force(bound.rest())
+
+
+def solved_by_pcg(prepares=True, b=None, rtol=1e-3):
+    A, solver = matrices.sheet(m=5), select.PCG()
+    if prepares:
+        solver.prepare(A)
+    return solver.solve(matrices.load(A) if b is None else b, rtol=rtol)
 
 
 def march(method=None, dt=0.01, bound=None, t_end=0.02, **options):
