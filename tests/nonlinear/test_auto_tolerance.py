@@ -165,14 +165,13 @@ def test_the_error_in_place_is_known_after_two_corrections_that_shrink(hanging):
 
 
 @pytest.mark.parametrize(("part", "small"), [(0.8, True), (1.25, False)])
-def test_a_millionth_of_the_largest_displacement_may_be_left(hanging, part, small):
+def test_a_millionth_of_the_largest_displacement_and_a_residual_of_1e_9_are_small(
+    hanging, part, small
+):
+    lengths = [1e-2, 1e-4, 1e-6]
     moved = 1e-8 / 0.99 / (part * 1e-6)
-    assert in_place(hanging, [1e-2, 1e-4, 1e-6], moved=moved).is_small is small
-
-
-@pytest.mark.parametrize(("residual", "small"), [(0.8e-9, True), (1.25e-9, False)])
-def test_the_residual_is_below_1e_9_too(hanging, residual, small):
-    assert in_place(hanging, [1e-2, 1e-4, 1e-6], residual=residual).is_small is small
+    assert in_place(hanging, lengths, moved=moved).is_small is small
+    assert in_place(hanging, lengths, residual=part * 1e-9).is_small is small
 
 
 @pytest.mark.parametrize(("part", "stagnates"), [(0.8, False), (1.25, True)])
