@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import affine, flat, rough
+from support.wrong_calls import squared
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
@@ -166,24 +167,16 @@ def test_computed_derivatives_are_as_good_as_stated(sheet, rng):
         assert abs(system.stiffness(state) - K).max() < second * abs(K).max()
 
 
-def test_a_wrong_derivative_is_refused(small):
-    nodes = edges(small).nodes
-
-    def one_entry(y):
-        g = quadratic_gradient(y).copy()
-        g[3, 1, 0, 2] *= 1.001
-        return g
-
-    def transposed(y):
-        return -quadratic_hessian(y)
-
-    with pytest.raises(
-        fc.InputError, match=r"gradient\[3, 1, 0, 2\] = .*differences of value give"
-    ):
-        fc.System(small, FABRIC, [fc.Condition(quadratic, nodes, 1.0, gradient=one_entry)])
-    wrong = fc.Condition(quadratic, nodes, 1.0, gradient=quadratic_gradient, hessian=transposed)
-    with pytest.raises(fc.InputError, match=r"hessian\[.*differences of the gradient give"):
-        fc.System(small, FABRIC, [wrong])
+@pytest.mark.parametrize(
+    ("mistake", "said"),
+    [
+        ({"wrong": 1.001}, r"gradient\[3, 0, 1, 2\] = .*differences of value give"),
+        ({"sign": -1.0}, r"hessian\[.*differences of the gradient give"),
+    ],
+)
+def test_a_wrong_derivative_is_refused(mistake, said, small):
+    with pytest.raises(fc.InputError, match=said):
+        fc.System(small, FABRIC, [squared(**mistake)])
 
 
 def test_pure_damper(small, rng):
