@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import affine, flat, rough
+from conftest import affine, rough
 from support.tiers import in_turn
 
 import fecloth as fc
@@ -141,13 +141,3 @@ def test_published_tangent_keeps_the_part_with_the_second_derivative(sheet, orth
     assert abs(still).max() < 1e-12 * abs(plain.stiffness(plain.state(x))).max()
     run = damped.stiffness(damped.state(x, v)) - plain.stiffness(plain.state(x))
     assert abs(run).max() > 1.0
-
-
-def test_agrees_at_rest_with_stvk_without_poisson(sheet):
-    fabric = fc.Fabric(0.2, (2000.0, 900.0), 0.0, 60.0)
-    one, other = (fc.System(sheet, fabric, [term]) for term in (fc.BaraffWitkin(), fc.StVK()))
-    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
-    state = one.state(flat(sheet) @ turn)
-    K = other.stiffness(state)
-    assert abs(one.stiffness(state) - K).max() < 1e-11 * abs(K).max()
-    np.testing.assert_allclose(fc.BaraffWitkin().moduli(fabric), fc.StVK().moduli(fabric))

@@ -82,32 +82,3 @@ def test_clamp_keeps_the_tensile_part(rng):
         expected = vector @ np.diag(np.maximum(value, 0)) @ vector.T
         got = clamp((S[0, 0], S[1, 1], S[0, 1]))
         np.testing.assert_allclose(got, expected[[0, 1, 0], [0, 1, 1]], atol=1e-14)
-
-
-def test_deformation_tensor_from_edge_inner_products(sheet, rng):
-    """C = FᵀF − I from the Gram matrix of the deformed edges (a, b) and data of the rest edges."""
-    x = rough(sheet, rng)
-    i, j, k = sheet.triangles.T
-    rest = np.stack([sheet.X[j] - sheet.X[i], sheet.X[k] - sheet.X[i]], axis=-1)  # (v, w)
-    a, b = x[j] - x[i], x[k] - x[i]
-    gram = np.empty((len(a), 2, 2))
-    gram[:, 0, 0], gram[:, 1, 1] = np.sum(a * a, axis=1), np.sum(b * b, axis=1)
-    gram[:, 0, 1] = gram[:, 1, 0] = np.sum(a * b, axis=1)
-    inverse = np.linalg.inv(rest)
-    C = np.swapaxes(inverse, 1, 2) @ gram @ inverse - np.eye(2)
-    F = deformation_gradient(sheet, x)[:, 0]
-    E = 0.5 * (np.swapaxes(F, 1, 2) @ F - np.eye(2))
-    np.testing.assert_allclose(C, 2 * E, rtol=0, atol=1e-13 * abs(E).max())
-
-
-def test_tensor_condition_is_stvk_without_poisson(sheet, rng):
-    k = 250.0
-    twin = fc.Fabric(areal_density=0.2, tensile_stiffness=4 * k)
-    one = fc.System(sheet, twin, [fc.TensorCondition(k)])
-    other = fc.System(sheet, twin, [fc.StVK()])
-    state = one.state(rough(sheet, rng))
-    assert one.energies(state)["TensorCondition"] == pytest.approx(
-        other.energies(state)["StVK"], rel=1e-13
-    )
-    assert relative(one.force(state), other.force(state)) < 1e-13
-    assert abs(one.stiffness(state) - other.stiffness(state)).max() < 1e-9
