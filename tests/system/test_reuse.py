@@ -45,10 +45,10 @@ class BoundFoundation(fc.BoundTerm):
         """Do nothing: only the force is tested."""
 
 
-OTHERS = {
-    "Obstacle": lambda c: fc.Obstacle(PLANE, gap=1e-2),
-    "SelfContact": lambda c: fc.SelfContact(gap=1e-3),
-    "Foundation": lambda c: Foundation(),
+TERMS = EVERY | {
+    "Obstacle": fc.Obstacle(PLANE, gap=1e-2),
+    "SelfContact": fc.SelfContact(gap=1e-3),
+    "Foundation": Foundation(),
 }
 # Kinds of numbers of the fabric → the terms that use them.
 OF_TENSION = {"StVK", "BaraffWitkin", "NeoHookean", "TensionField", "StrainRateDamping", "Springs"}
@@ -68,9 +68,6 @@ def cloth(**more) -> fc.Cloth:
     X = plain.X[plain.triangles].mean(axis=1)[:, 0]
     halves = {"body": np.flatnonzero(X < 0.5), "hem": np.flatnonzero(X >= 0.5)}
     return replace(plain, triangle_sets=halves)
-
-
-TERMS = {name: make(cloth()) for name, make in (EVERY | OTHERS).items()}
 
 
 def make(terms, fabric=FABRIC, **more) -> fc.System:
