@@ -6,6 +6,7 @@ from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.simulation.doubts.before_run import OF_RUNS
+from fecloth.simulation.doubts.course import find_flat_start
 from fecloth.simulation.doubts.pins import find_free_fall, find_free_turn
 from fecloth.simulation.doubts.terms import find_unused_bending
 
@@ -73,6 +74,16 @@ def unused(*given, **constants):
     """What is noted of the constants of bending of a sheet with these terms."""
     fabric = FABRIC | constants
     return told(terms=(fc.StVK(), *given), fabric=fabric, doubts=[find_unused_bending])
+
+
+def in_plane(*loads, z=0.0, height=0.0):
+    """What is noted of a plate that starts in the plane at z, or with waves."""
+    terms = (fc.StVK(), fc.HingeBending(), *loads)
+
+    def start(cloth):
+        return np.column_stack([cloth.X, z + height * np.sin(30 * cloth.X[:, 0])])
+
+    return told(terms=terms, fabric=STIFF, start=start, doubts=[find_flat_start])
 
 
 class Own(fc.StVK):
