@@ -260,3 +260,14 @@ def test_a_pin_on_both_edges_of_a_seam_holds_one():
         for pins in (["a/right", "b/left"], ["a/right"])
     ]
     assert len(free[0]) == len(free[1])
+
+
+def test_seams_may_follow_seams():
+    """Four pieces, each sewn to the next one along the same edge: all follow the first."""
+    cloth = fc.Cloth.join([fc.Cloth.rectangle(0.5, 0.25, h=0.25 / n) for n in (4, 5, 6, 7)], "abcd")
+    seams = [fc.Seam(f"{first}.left", f"{second}.left") for first, second in ("ab", "bc", "cd")]
+    system = fc.System(cloth, FABRIC, [fc.StVK()], seams=seams)
+    followers = system.constraints.followers
+    leaders = followers.T[followers.nodes].indices
+    assert set(leaders) <= set(cloth.nodes("a/left"))
+    assert np.abs(followers.gap(system.rest().x @ np.diag([1.1, 0.9, 1.0]))).max() < 1e-15
