@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.browsers import chromium
 from support.swinging import swinging
-from test_html_report import SCENE
+from test_html_report import SCENE, data_of, unpacked
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -33,27 +33,20 @@ def run(request, tmp_path_factory):
     return folder, system, states, (folder / "view.html").read_text(encoding="utf-8")
 
 
-def data_of(page):
-    return json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
-
-
-def shorts(text):
-    return np.frombuffer(base64.b64decode(text), "<u2").astype(float)
-
-
 def test_the_page_holds_the_motion_and_the_fields(run):
     _, system, states, page = run
     data = data_of(page)
     assert data["times"] == [state.t for state in states]
     assert data["start"] == len(states) - 1  # it opens at the end of the motion
-    low, span = np.array(data["low"]), np.subtract(data["high"], data["low"])
-    shown = low + span * shorts(data["points"]).reshape(len(states), -1, 3) / 65535
-    assert np.abs(shown - [state.x for state in states]).max() <= 0.51 * span.max() / 65535 + 1e-7
+    span = np.subtract(data["high"], data["low"])
+    shown = unpacked(data["points"], data["low"], data["high"])
+    x = np.concatenate([state.x for state in states])
+    assert np.abs(shown - x).max() <= 0.51 * span.max() / 65535 + 1e-7
     assert [field["title"] for field in data["fields"]] == [
         *("larger_stretch", "smaller_stretch", "velocity", "displacement", "energy_density")
     ]
     speed = data["fields"][2]
-    values = speed["low"] + (speed["high"] - speed["low"]) * shorts(speed["values"]) / 65535
+    values = unpacked(speed["values"], speed["low"], speed["high"])
     wanted = np.array([np.linalg.norm(state.v, axis=1) for state in states])
     assert np.abs(values.reshape(wanted.shape) - wanted).max() <= 1e-4 * wanted.max()
     assert speed["per"] == "node"
@@ -78,8 +71,8 @@ def test_overflowing_values_are_drawn_as_the_largest_finite_one(run):
     data = web_page.pack_frames([frame], ["energy_density"])
     (field,) = json.loads(json.dumps(data, allow_nan=False))["fields"]
     assert (field["low"], field["high"]) == (energy[4:].min(), 9e58)
-    shown = shorts(field["values"])
-    assert np.all(shown[:4] == 65535)
+    shown = unpacked(field["values"], 0, 1)
+    assert np.all(shown[:4] == 1)
     assert np.all(shown[4:] == 0)
     curve = np.array([1.0, 9e58, 1e308, -1e308])
     assert len(draw([Chart("energy", "[J]", np.arange(4.0), {"W": curve})])) == 1
