@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy.sparse as sparse
+from scipy.sparse.linalg import splu
 
 from fecloth import validation
 from fecloth.compiled.team import Team
@@ -482,6 +483,11 @@ class System:
         ]
         return self._with_changed(changed, "with_history(record)")
 
+    def with_exact_tangents(self) -> Self:
+        """The system over a step with the derivatives of its forces, where terms have others."""
+        exact = [term.with_exact_tangent() for term in self.bound]
+        return self._with_changed(exact, "with_exact_tangent()")
+
     def commit(self, state: State, history: History | None) -> History | None:
         """Return the records at the end of a step, for its new `state`; None without a history.
 
@@ -658,6 +664,15 @@ class System:
         """(f, f) ZᵀMZ [kg], with Z of `admissible`."""
         Z = self.admissible
         return (Z.T @ self.mass @ Z).tocsc()
+
+    @cached_property
+    def solve_free_mass(self) -> Callable[[np.ndarray], np.ndarray]:
+        """The function b ↦ (ZᵀMZ)⁻¹ b; a consistent mass is factorised once."""
+        if self.free_mass.nnz > self.free_mass.shape[0]:
+            solve: Callable[[np.ndarray], np.ndarray] = splu(self.free_mass).solve
+            return solve
+        diagonal = self.free_mass.diagonal()
+        return lambda b: b / diagonal
 
     @property
     def symmetric(self) -> bool:
