@@ -35,7 +35,7 @@ from scipy.sparse.linalg import splu
 from fecloth.integrators.step import Opening
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.system.state import State
-from fecloth.system.system import History, System
+from fecloth.system.system import History
 from fecloth.terms.contact.bound_contact import Touched
 from fecloth.terms.contact.touches import Touches
 
@@ -98,7 +98,7 @@ def after_impacts(opening: Opening, new: State) -> Struck:
         return Struck(new, np.zeros_like(new.v), np.zeros_like(new.v))
     touches = Touches.join(touching)
     rows = (touches.rows @ system.admissible).tocsr()
-    solve_mass = system.solve_free_mass
+    solve_mass = system.factor_of_mass.solve
     u = touches.rows @ new.v.ravel() - touches.surface
 
     def change(of_places: np.ndarray) -> np.ndarray:
@@ -141,11 +141,6 @@ def with_forces(history: History | None, struck: Struck) -> History | None:
         replace(record, forces=forces) if isinstance(record, Touched) else record
         for record, forces in zip(history, struck.forces, strict=True)
     )
-
-
-def share_mass(system: System) -> None:
-    """Make what impacts need, before a step copies the system: the copies share it."""
-    _ = system.solve_free_mass
 
 
 def is_impact(before: np.ndarray, free: np.ndarray) -> np.ndarray:

@@ -484,7 +484,7 @@ class System:
         return self._with_changed(changed, "with_history(record)")
 
     def with_exact_tangents(self) -> Self:
-        """The system over a step with the derivatives of its forces, where terms have others."""
+        """The system over a step, with the exact tangents of all terms."""
         exact = [term.with_exact_tangent() for term in self.bound]
         return self._with_changed(exact, "with_exact_tangent()")
 
@@ -666,13 +666,9 @@ class System:
         return (Z.T @ self.mass @ Z).tocsc()
 
     @cached_property
-    def solve_free_mass(self) -> Callable[[np.ndarray], np.ndarray]:
-        """The function b ↦ (ZᵀMZ)⁻¹ b; a consistent mass is factorised once."""
-        if self.free_mass.nnz > self.free_mass.shape[0]:
-            solve: Callable[[np.ndarray], np.ndarray] = splu(self.free_mass).solve
-            return solve
-        diagonal = self.free_mass.diagonal()
-        return lambda b: b / diagonal
+    def factor_of_mass(self) -> Any:
+        """The factor of `free_mass`; its ``solve(b)`` is (ZᵀMZ)⁻¹ b."""
+        return splu(self.free_mass)
 
     @property
     def symmetric(self) -> bool:
