@@ -667,7 +667,7 @@ class System:
 
     @cached_property
     def factor_of_mass(self) -> Any:
-        """The factor of `free_mass`; its ``solve(b)`` is (ZᵀMZ)⁻¹ b."""
+        """The factor of `free_mass`."""
         return splu(self.free_mass)
 
     @property

@@ -404,7 +404,7 @@ class BoundTerm:
         return None
 
     def with_exact_tangent(self) -> "BoundTerm":
-        """The term over a step with its exact tangent, if it has another for the iteration."""
+        """The term over a step with its exact tangent, if it has another one."""
         return self
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
