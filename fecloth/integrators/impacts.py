@@ -98,7 +98,7 @@ def after_impacts(opening: Opening, new: State) -> Struck:
         return Struck(new, np.zeros_like(new.v), np.zeros_like(new.v))
     touches = Touches.join(touching)
     rows = (touches.rows @ system.admissible).tocsr()
-    solve_mass = system.factor_of_mass.solve
+    solve_mass: Callable[[np.ndarray], np.ndarray] = system.factor_of_mass.solve
     u = touches.rows @ new.v.ravel() - touches.surface
 
     def change(of_places: np.ndarray) -> np.ndarray:

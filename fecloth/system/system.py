@@ -485,8 +485,7 @@ class System:
 
     def with_exact_tangents(self) -> Self:
         """The system over a step, with the exact tangents of all terms."""
-        exact = [term.with_exact_tangent() for term in self.bound]
-        return self._with_changed(exact, "with_exact_tangent()")
+        return self.with_bound(term.with_exact_tangent() for term in self.bound)
 
     def commit(self, state: State, history: History | None) -> History | None:
         """Return the records at the end of a step, for its new `state`; None without a history.
