@@ -54,8 +54,9 @@ def refusal(call: str) -> fc.InputError:
 
 
 def words(error: fc.InputError) -> str:
-    """The message of an error, without addresses in memory and the place of this repository."""
-    return re.sub("0x[0-9a-f]+", "0x…", str(error)).replace(str(FOLDER.parents[1]), "ROOT")
+    """The message of an error, without addresses in memory, places on this disk and folders."""
+    said = re.sub(rf"{tempfile.gettempdir()}/\w+", "FOLDER", str(error))
+    return re.sub("0x[0-9a-f]+", "0x…", said).replace(str(FOLDER.parents[1]), "ROOT")
 
 
 def copy_scenes() -> list[Path]:
