@@ -1,13 +1,15 @@
-"""What the calls of `tests/messages/calls.txt` may name."""
+"""What the calls of `tests/messages/calls.txt` and `files.txt` may name."""
 
 import math as math
 import tempfile
 from contextlib import chdir
 from dataclasses import dataclass as dataclass
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 from support.examples import example as example
 from support.local_link import LocalLink as LocalLink
 from support.study_functions import fail_or_return as fail_or_return
@@ -31,6 +33,7 @@ from fecloth.quantities.units import TIME as TIME
 from fecloth.quantities.units import quantity as quantity
 from fecloth.runs import restart as restart
 from fecloth.scene.probe_tables import read_measured as read_measured
+from fecloth.simulation.on_request import grip_width as grip_width
 from fecloth.simulation.quantity import parse_quantity as parse_quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.simulation.quantity_values import signal_period as signal_period
@@ -46,6 +49,7 @@ from fecloth.study.result import read_tolerance as read_tolerance
 from fecloth.study.uncertainty import estimate_uncertainty as estimate_uncertainty
 from fecloth.study.variants import parse_range as parse_range
 from fecloth.system.constraints import Constraints as Constraints
+from fecloth.system.recovered_stress import stress_at_point as stress_at_point
 from fecloth.terms.records import remembered as remembered
 
 NAN, INF = float("nan"), float("inf")
@@ -138,8 +142,91 @@ def uncertain(table):
     return fc.Fabric(0.2, 1000.0, uncertainty=table)
 
 
+def standard(fabric):
+    return fabric.uncertainty.standard(fabric)
+
+
 def mesh(X=QUAD_X, triangles=QUAD_T, where="sheet", **options):
     return FlatMesh.from_arrays(X, triangles, where=where, **options)
+
+
+# triangles around a square of two, and a node on its side that the others lack
+RING = [[0, 0], [3, 0], [3, 3], [0, 3], [1, 1], [2, 1], [2, 2], [1, 2], [1.5, 1.0]]
+FRAME = [[0, 1, 4], [1, 5, 4], [1, 2, 5], [2, 6, 5], [2, 3, 6], [3, 7, 6], [3, 0, 7], [0, 4, 7]]
+
+# sewn cloths, and cloths laid down
+SEAM = fc.Seam("a.right", "b.left")
+MOVED = ("0.1*t", 0, 0)
+CORNERED = fc.Cloth.rectangle(0.2, 0.2, h=0.05, pattern="right")
+DART = fc.Cloth.from_arrays(
+    [[0.0, 0], [1, 0], [1.5, 1], [2, 0], [3, 0], [3, 2], [1.5, 2], [0, 2]],
+    [(0, 1, 2), (2, 3, 4), (2, 4, 5), (2, 5, 6), (2, 6, 7), (2, 7, 0)],
+    sets={"left": [1, 2], "right": [2, 3]},
+)
+
+
+@cache
+def halves(h=(0.125, 0.1), apart=0.0, element="P1"):
+    """Two halves of a strip of 1 m by 0.25 m, whose edges match only for equal h."""
+    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=size, element=element) for size in h)
+    return fc.Cloth.join([a, replace(b, X=b.X + (0.5 + apart, 0.0))], names=["a", "b"])
+
+
+def sewn(*seams, cloth=None, pins=(), fabric=ISOTROPIC):
+    terms = [fc.StVK(), *([fc.PlateBending()] if fabric.bending else [])]
+    return system(*terms, fabric=fabric, pins=pins, mesh=cloth or halves(), seams=seams)
+
+
+def at_rest(bound, x=None):
+    return fc.equilibrium(bound, bound.rest() if x is None else bound.state(x))
+
+
+def rolled(cloth):
+    """The positions of a cloth of 1 m as a tube."""
+    angle = 2 * np.pi * cloth.X[:, 0]
+    return np.column_stack([np.cos(angle), np.sin(angle), 2 * np.pi * cloth.X[:, 1]]) / (2 * np.pi)
+
+
+def laid(*terms, pins=(), z=0.0):
+    bound = system(fc.StVK(), *terms, pins=pins)
+    return fc.lay_down(bound, bound.state(bound.rest().x + [0, 0, z]))
+
+
+# files of meshes
+MESHES = Path(__file__).parents[2] / "meshes"
+FILES = Path(__file__).parents[1] / "messages" / "meshes"
+
+
+def read(file, **given):
+    """What a file is read as: its size, its sets by their length or number of triangles, notes."""
+    path = FILES / file if isinstance(file, str) else file
+    if path.suffix in (".vtp", ".vtk"):
+        pytest.importorskip("pyvista")
+    cloth = fc.Cloth.read(path, **given)
+    shape = f"{len(cloth.X)} nodes, {len(cloth.triangles)} triangles of {cloth.element}"
+    ends = {name: np.diff(cloth.X[edges], axis=1) for name, edges in cloth.edge_sets.items()}
+    sets = [f"{name}: {np.linalg.norm(each, axis=2).sum():.6g} m" for name, each in ends.items()]
+    sets += [f"{name}: {len(part)} triangles" for name, part in cloth.triangle_sets.items()]
+    return [f"{shape}, {cloth.area:.6g} m²", *sets, *cloth.notes]
+
+
+def written(name, text):
+    """A file of the working directory with this text."""
+    Path(name).write_text(text)
+    return Path(name)
+
+
+def geo(extra):
+    """The file of a square with further commands."""
+    return written("s.geo", (MESHES / "square.geo").read_text() + extra)
+
+
+def msh(*changes):
+    """The file of two triangles with changes of its text."""
+    text = (FILES / "own_numbers.msh").read_text()
+    for old, new in changes:
+        text = text.replace(old, new)
+    return written("s.msh", text)
 
 
 # what a run has recorded, and problems of studies
@@ -156,8 +243,8 @@ def strip(h, dt=0.1, stiffness=20.0):
     return cloth, system, None, system.rest()
 
 
-def scene():
-    return fc.load_scene(Path(__file__).parents[1] / "messages" / "static.toml")
+def scene(*changes):
+    return fc.load_scene(FILES.parent / "static.toml", changes)
 
 
 # files that are read
