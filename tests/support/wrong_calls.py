@@ -4,12 +4,13 @@ import math as math
 import tempfile
 from contextlib import chdir
 from dataclasses import dataclass as dataclass
-from dataclasses import replace
+from dataclasses import replace as replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support import matrices as matrices
 from support.examples import example as example
 from support.local_link import LocalLink as LocalLink
 from support.study_functions import fail_or_return as fail_or_return
@@ -21,6 +22,7 @@ from fecloth.distributed.distributed_system import DistributedSystem as Distribu
 from fecloth.homogenisation import bending_tensor as bending_tensor
 from fecloth.homogenisation import strip_rigidity as strip_rigidity
 from fecloth.integrators.protocol import MethodTraits as MethodTraits
+from fecloth.linalg import select as select
 from fecloth.mesh.flat_mesh import FlatMesh as FlatMesh
 from fecloth.mesh.grading import Grading as Grading
 from fecloth.quantities.columns import factor_to_si as factor_to_si
@@ -51,6 +53,7 @@ from fecloth.study.variants import parse_range as parse_range
 from fecloth.system.constraints import Constraints as Constraints
 from fecloth.system.recovered_stress import stress_at_point as stress_at_point
 from fecloth.terms.records import remembered as remembered
+from fecloth.terms.traits import traits_of as traits_of
 
 NAN, INF = float("nan"), float("inf")
 ISOTROPIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
@@ -74,6 +77,13 @@ def force(*terms):
     """The force at rest, where a value is found out that was not known before."""
     bound = system(*terms)
     return bound.force(bound.rest())
+
+
+def solved_by_pcg(prepares=True, b=None, rtol=1e-3):
+    A, solver = matrices.sheet(m=5), select.PCG()
+    if prepares:
+        solver.prepare(A)
+    return solver.solve(matrices.load(A) if b is None else b, rtol=rtol)
 
 
 def march(method=None, dt=0.01, bound=None, t_end=0.02, **options):
@@ -117,6 +127,100 @@ BROKEN[3, 1] = np.nan
 
 
 BDF2 = fc.BDF2()
+
+
+# terms, laws and methods of a user's own
+class Stub:
+    """A term that gives what it is told."""
+
+    def __init__(self, stencil=None, bound=None, **members):
+        self.stencil = lambda cloth: stencil
+        self.bind = lambda panel, slots: bound
+        vars(self).update(members)
+
+
+class Least(fc.BoundTerm):
+    """A bound term with no more than it must have."""
+
+    name, symmetric, has_energy = "Least", True, False
+
+    def add_force(self, x, v, t, f):
+        f[:, 2] -= 1.0
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite):
+        pass
+
+
+class Half(fc.BoundTerm):
+    """A bound term without the half of what it must have."""
+
+    name, has_energy, dissipative = "half", True, True
+
+    def add_force(self, x, v, t, f):
+        pass
+
+
+class NoEnergy(Least):
+    has_energy = dissipative = True
+
+
+class Foreign:
+    """An object with the functions of a bound term that does not derive from `BoundTerm`."""
+
+    name, symmetric = "Foreign", True
+    has_energy = dissipative = velocity_dependent = False
+    add_force, add_tangent = Least.add_force, Least.add_tangent
+
+
+def linear(E, c, S12=1.0, C66=1.0, C12=0.0):
+    """StVK of Y = 1000 N/m and ν = 0, spoiled."""
+    S = 1000 * E[0], 1000 * E[1], S12 * 1000 * E[2]
+    W = 500 * (E[0] ** 2 + E[1] ** 2 + 2 * E[2] ** 2)
+    return W, S, (1000, 1000, C66 * 500, C12, 0, 0)
+
+
+def mine(law, constants=(0.0,)):
+    """A law of that function, which is a method where it has three arguments."""
+    members = {"law": staticmethod(law), "constants": lambda self, fabric: constants}
+    return type("Mine", (fc.MembraneLaw,), members)()
+
+
+def squared(wrong=1.0, sign=1.0):
+    """C = |y₁ − y₀|²/2 with an entry of the gradient, or the Hessian, wrong."""
+
+    def gradient(y):
+        d = y[:, 1] - y[:, 0]
+        g = np.stack([-d, d], axis=1)
+        g[3, 1, 2] *= wrong
+        return g
+
+    def hessian(y):
+        H = np.einsum("ab,ij->aibj", [[1.0, -1.0], [-1.0, 1.0]], np.eye(3))
+        return sign * np.broadcast_to(H, (len(y), *H.shape))
+
+    nodes = np.arange(12).reshape(6, 2)
+    value = lambda y: 0.5 * np.sum((y[:, 1] - y[:, 0]) ** 2, axis=1)  # noqa: E731
+    return fc.Condition(value, nodes, 1.0, gradient=gradient, hessian=hessian)
+
+
+def own_method(base, *members, **others):
+    """A method with these members of another one, and others."""
+    return type("Own", (), {name: getattr(base, name) for name in members} | others)()
+
+
+def theta(**others):
+    """The method θ of studies/examples/integrator.py, changed."""
+    from studies.examples.integrator import Theta
+
+    return type("Own", (Theta,), others)(1.0)
+
+
+def short_stage(self, state, dt):
+    stage = theta().stage(state, dt)
+    return replace(stage, v=stage.v[1:])
+
+
+FIRST = MethodTraits(order=1, error_constant=0.5)
 
 
 def marched(system=SYSTEM, method=BDF2, state=START, dt=0.01, t_end=0.02, **options):
