@@ -30,6 +30,7 @@ EXAMPLES = (
     "period of tip.z, energy.StVK, reaction.left.z, displacement in H1, frequency(2), "
     "distance of a and b, drape_coefficient, folds, line_force.left.x, stress.xx at (0.1, 0.2)"
 )
+NAME_A_POINT = "To follow a point, name it in [[probes]] of the scene, or in probes= of the call."
 _MODE = re.compile(r"frequency\s*\(\s*(\d+)\s*\)")
 STRESS = re.compile(
     r"stress\.(?P<part>xx|yy|xy)(?: of (?P<region>.+?))? at \((?P<X>[^,()]+), ?(?P<Y>[^,()]+)\)"
@@ -145,7 +146,7 @@ class Quantity:
         if self.column in vectors:
             remedy = f"Take a component, as {self.name}.z."
         else:
-            remedy = did_you_mean(self.column, shown)
+            remedy = did_you_mean(self.column, shown) or NAME_A_POINT
         allowed = f"unknown quantity; this run has {', '.join(shown)}"
         raise InputError(f"{where}: {self.name}", allowed, "", remedy)
 

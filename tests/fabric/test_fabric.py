@@ -7,7 +7,6 @@ import pytest
 from support.drawn import drawn
 
 import fecloth as fc
-from fecloth.errors import InputError
 
 
 def stiffnesses(st):
@@ -69,9 +68,6 @@ def test_poisson_limit_follows_the_ratio_of_stiffness():
     fc.Fabric(0.2, (500.0, 2000.0), 0.499, shear_stiffness=60.0)
 
 
-def test_constants_far_from_those_of_any_fabric_are_mistakes_in_a_unit():
+def test_constants_just_inside_their_limits_are_taken():
     for value in (2e-12, 5e11):
         assert fc.Fabric(value, value).shear == value / 2
-    for value in (5e-13, 2e12):
-        with pytest.raises(InputError, match="Is the value in SI units"):
-            fc.Fabric(value, 1000.0)

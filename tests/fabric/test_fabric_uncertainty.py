@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.errors import InputError, SceneError
+from fecloth.errors import InputError
 from fecloth.fabric.uncertainty import CONSTANTS, PAIRS, Uncertainty
 from fecloth.scene.scene import load_scene, scene_of
 from fecloth.study.parameters import choose_parameters
@@ -92,17 +92,6 @@ def test_an_uncertainty_changes_no_fabric():
     assert (plain, hash(plain)) == (FABRIC, hash(FABRIC))
 
 
-def test_what_does_not_fit_the_numbers_of_the_fabric_is_refused_where_it_is_asked_for():
-    flat = fc.Fabric(0.2, 1000.0, uncertainty={"tensile_stiffness.0": 1.0})
-    with pytest.raises(InputError, match=r"'tensile_stiffness.0': must be a number of the fabric"):
-        flat.uncertainty.standard(flat)
-    zero = fc.Fabric(0.2, 1000.0, uncertainty={"poisson_ratio": "1 %"})
-    with pytest.raises(InputError, match="is a part of 0"):
-        zero.uncertainty.standard(zero)
-    with pytest.raises(InputError, match="'poisson_ratio'"):
-        FABRIC.uncertainty.covariance(FABRIC, ["poisson_ratio"])
-
-
 @pytest.mark.parametrize("rho", [0.4, 0.5 + 2e-7, 0.5 + 2e-6, 0.8])
 def test_correlations_that_contradict_each_other_are_refused(rho):
     """Three keys, correlated by ρ, ρ and −ρ: the least eigenvalue is 1 − 2ρ.
@@ -160,26 +149,6 @@ def test_keys_beside_a_file_replace_its_own(folder):
     assert list(changed.uncertainty.standard(changed).values()) == pytest.approx([1.0, 2.0, 3.0])
     word = read(folder, 'fabric = "cotton"\n', "fabric.uncertainty.shear_stiffness=3")
     assert word.fabric.make().uncertainty.standard(word.fabric.make())["shear_stiffness"] == 3.0
-
-
-SCENE_MISTAKES = [
-    ('file = "fited.toml"', "no such file", "Did you mean 'fitted.toml'?"),
-    ('file = "scene.toml"', "fabric.file = 'scene.toml'", "the keys are areal_density"),
-    ('file = "empty.toml"', "has no table [fabric]", ""),
-    ('file = "broken.toml"', "not TOML", ""),
-]
-
-
-@pytest.mark.parametrize(("keys", "match", "remedy"), SCENE_MISTAKES)
-def test_mistakes_in_a_scene_name_the_key(folder, keys, match, remedy):
-    (folder / "empty.toml").write_text("a = 1\n", encoding="utf-8")
-    (folder / "broken.toml").write_text("a = \n", encoding="utf-8")
-    with pytest.raises(SceneError) as refused:
-        read(folder, f"[fabric]\n{keys}\n")
-    assert match in str(refused.value)
-    assert remedy in str(refused.value)
-    with pytest.raises(InputError, match="no such file"):
-        fc.Fabric.read(folder / "missing.toml")
 
 
 @pytest.mark.parametrize("table", ["fabric", "fabrics.a"])

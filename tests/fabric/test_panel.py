@@ -1,9 +1,10 @@
-"""Grain angles and regions: bias-cut strips, two fabrics in one cloth, regions from mesh files."""
+"""Grain angles and regions: bias-cut strips, two fabrics in one cloth."""
 
 import numpy as np
 import pytest
 import scipy.linalg
 from conftest import affine, flat
+from support.oracle import fourth_order
 
 import fecloth as fc
 
@@ -19,14 +20,8 @@ def turn(angle):
 
 def rotated_moduli(fabric, angle):
     """(2, 2, 2, 2) moduli in X and Y of a fabric whose warp is at an angle to X."""
-    C11, C22, C66, C12, _, _ = fabric.moduli()
-    C = np.zeros((2, 2, 2, 2))
-    C[0, 0, 0, 0], C[1, 1, 1, 1] = C11, C22
-    C[0, 0, 1, 1] = C[1, 1, 0, 0] = C12
-    for i, j, k, l in ((0, 1, 0, 1), (0, 1, 1, 0), (1, 0, 0, 1), (1, 0, 1, 0)):
-        C[i, j, k, l] = C66
     R = turn(angle)
-    return np.einsum("ai,bj,ck,dl,ijkl->abcd", R, R, R, R, C)
+    return np.einsum("ai,bj,ck,dl,ijkl->abcd", R, R, R, R, fourth_order(fabric.moduli()))
 
 
 @pytest.fixture(scope="module")
@@ -142,26 +137,3 @@ def test_mass_and_weight_of_two_densities(mass):
     assert weight[:, 2] @ cloth.X[:, 0] / weight[:, 2].sum() == pytest.approx(middle, rel=1e-12)
     ones = system.state(flat(cloth), np.ones((len(cloth.X), 3)))
     assert system.energies(ones)["kinetic"] == pytest.approx(1.5 * total, rel=1e-13)
-
-
-# --- regions of mesh files ------------------------------------------------------------------------
-
-
-def test_renumbering_keeps_the_regions(rng):
-    grid = halves()
-    order, nodes = rng.permutation(len(grid.triangles)), rng.permutation(len(grid.X))
-    place = np.argsort(nodes)
-    hem = np.flatnonzero(np.isin(order, grid.region("hem")))
-    mixed = {"regions": {"hem": hem}}
-    for renumber in (True, False):
-        triangles = place[grid.triangles[order]]
-        cloth = fc.Cloth.from_arrays(grid.X[nodes], triangles, renumber=renumber, **mixed)
-        centroids = cloth.X[cloth.triangles].mean(axis=1)
-        np.testing.assert_array_equal(cloth.region("hem"), np.flatnonzero(centroids[:, 0] > 0.6))
-        np.testing.assert_array_equal(np.sort(cloth.source_triangles[cloth.region("hem")]), hem)
-
-
-def test_a_region_by_a_predicate():
-    cloth = halves()
-    chosen = cloth.region(lambda X: X[:, 0] > 0.6)
-    np.testing.assert_array_equal(chosen, cloth.region("hem"))

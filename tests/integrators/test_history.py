@@ -5,18 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from conftest import taut_start
-from support.rundirs import restart_at
 from support.sliders import Sliders, SlidersOverStep
 from support.tiers import stories_except
 
 import fecloth as fc
-from fecloth.integrators import EXPLICIT, METHODS
-from fecloth.runs import restart
+from fecloth.integrators import METHODS
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.load_steps import LoadSteps
 
 TIGHT = fc.Newton(tolerance=1e-11, reuse=False)
-ALL = {**METHODS, **EXPLICIT}
 DT, STEPS = 2e-4, 12
 
 
@@ -26,49 +23,8 @@ def system(small, isotropic):
     return fc.System(small, isotropic, terms, pins=["left"])
 
 
-def made(name):
-    return ALL[name](beyond_limit=True) if name in EXPLICIT else ALL[name]()
-
-
-def marched(system, method, state, dt=DT, steps=STEPS, **known):
-    solver = {} if method.traits.explicit else {"solver": "direct", "newton": TIGHT}
-    return list(fc.march(system, method, state, dt, steps * DT, **solver, **known))
-
-
 def same(first, second):
     return np.array_equal(first.place, second.place) and np.array_equal(first.heat, second.heat)
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_each_step_begins_with_what_the_one_before_left(name, system):
-    """The record is the return mapping at the end of each step, begun where the last one ended."""
-    start, bound = taut_start(system), system.bound[1]
-    record = bound.start_history(start.x, 0.0)
-    for state, info in marched(system, made(name), start):
-        none, before, _ = info.result.earlier
-        assert none is None
-        assert same(before, record)
-        over = SlidersOverStep(**vars(bound.with_history(record)))
-        record = over.commit(state.x, state.t)
-        assert same(record, info.result.history[1])
-        assert same(record, info.memory.term_history[1])
-    assert record.heat > 0
-    assert np.linalg.norm(record.place - start.x, axis=1).max() > 1e-4
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_a_run_goes_on_from_a_restart_file_bit_for_bit(name, system, tmp_path):
-    method, start = made(name), taut_start(system)
-    steps = marched(system, method, start)
-    state, info = steps[STEPS // 2]
-    saved = restart.read(restart.write(tmp_path, restart_at(state, info.memory))).progress
-    assert same(saved.memory.term_history[1], info.result.history[1])
-    on = marched(system, method, saved.state, memory=saved.memory)
-    assert len(on) == STEPS - STEPS // 2 - 1
-    for (first, _), (second, _) in zip(on, steps[STEPS // 2 + 1 :], strict=True):
-        assert np.array_equal(first.x, second.x)
-        assert np.array_equal(first.v, second.v)
-    assert same(on[-1][1].result.history[1], steps[-1][1].result.history[1])
 
 
 @pytest.mark.stories
@@ -150,19 +106,6 @@ def test_a_record_that_is_lost_is_refused(system):
         over.commit(system.rest(), history)
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_a_step_that_is_repeated_gives_the_same(name, system):
-    method, start = made(name), taut_start(system)
-    (state, info), (_, following) = marched(system, method, start, steps=2)
-    solver, _ = fc.solver_for(system, method, DT, "direct", TIGHT)
-    for _ in range(2):
-        step = method.step(
-            system, state, DT, solver, info.memory.method_memory, info.result.history
-        )
-        np.testing.assert_array_equal(step.state.x, following.result.state.x)
-        assert same(step.history[1], following.result.history[1])
-
-
 @pytest.mark.parametrize(
     "name",
     stories_except(
@@ -174,7 +117,7 @@ def test_the_ledger_closes_with_what_slips(name, system):
     run = {"solver": "direct", "newton": TIGHT}
     alone = system.replace(terms=[fc.StVK(), fc.Gravity()])
     energies, without = (
-        fc.run(each, made(name), taut_start(each), 5e-5, STEPS * DT, **run).energies
+        fc.run(each, METHODS[name](), taut_start(each), 5e-5, STEPS * DT, **run).energies
         for each in (system, alone)
     )
     heat, least = energies["dissipated:Sliders"], abs(without["remainder"]).max()

@@ -1,14 +1,13 @@
 """A method that a user writes: studies/examples/integrator.py, and what is refused."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.examples import example
+from support.wrong_calls import own_method
 
 import fecloth as fc
-from fecloth.integrators.protocol import MethodTraits
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -58,41 +57,10 @@ def swinging(cloth, isotropic):
     return system, system.state(system.rest().x * [1.1, 1.05, 1])
 
 
-def test_missing_members_of_a_method_are_named(own, swinging):
+def test_a_method_needs_a_step_and_traits_for_a_march_and_numerical_for_a_run(swinging):
     system, start = swinging
-    euler, theta = fc.BackwardEuler(), own.Theta
-    offers = {"step": euler.step, "traits": euler.traits}
-    bare = type("Bare", (), offers)()
-    with pytest.raises(fc.InputError, match="run: method Bare: must have numerical"):
-        fc.run(system, bare, start, 1e-3, 2e-3, solver="direct")
+    bare = own_method(fc.BackwardEuler(), "step", "traits")
     assert len(list(fc.march(system, bare, start, 1e-3, 2e-3, solver="direct"))) == 2
-
-    for traits, said in ({}, "must have traits"), ({"traits": {"order": 1}}, "must be a MethodTr"):
-        mute = type("Mute", (), {"step": euler.step} | traits)()
-        with pytest.raises(fc.InputError, match=said):
-            fc.run(system, mute, start, 1e-3, 2e-3)
-
-    for constant, said in (None, "has no estimate"), (-0.04, "error_constant = -0.04: must be a n"):
-        traits = MethodTraits(order=1, error_constant=constant)
-        with pytest.raises(fc.InputError, match=said):
-            fc.Adaptive(type("Own", (theta,), {"traits": traits})(), rtol=1e-2)
-
-    traits = MethodTraits(order=1, error_constant=1 / 2)
-    nothing = {"step": lambda self, *rest: None, "traits": traits}
-    empty = type("Empty", (theta,), nothing)(1.0)
-    for method, dt in (empty, 1e-3), (fc.Adaptive(empty, rtol=1e-2), None):
-        with pytest.raises(fc.InputError, match=r"Empty.step\(...\) returns None: must return"):
-            next(fc.march(system, method, start, dt, 2e-3, solver="direct"))
-    unknown = type("Unknown", (theta,), {"traits": MethodTraits(order=1)})(1.0)
-    with pytest.raises(fc.InputError, match="Without Unknown.traits.error_constant"):
-        next(fc.march(system, unknown, start, t_end=2e-3))
-
-    def short(self, state, dt):
-        return replace(theta.stage(self, state, dt), v=state.v[1:])
-
-    cut = type("Cut", (theta,), {"stage": short})(0.5)
-    with pytest.raises(fc.InputError, match=r"stage.v of shape \(19, 3\): must be \(20, 3\)"):
-        fc.run(system, cut, start, 1e-3, 2e-3, solver="direct")
 
 
 @pytest.mark.stories

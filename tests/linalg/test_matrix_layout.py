@@ -2,29 +2,10 @@
 
 import numpy as np
 import pytest
+from support.every_term import FABRIC, terms_on
 
 import fecloth as fc
 from fecloth.system.pieces import _connect
-
-FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
-TERMS = [
-    fc.StVK(),
-    fc.StrainRateDamping(time=0.01),
-    fc.PlateBending(),
-    fc.BendingDamping(time=0.01, law=fc.PlateBending()),
-    fc.MassDamping(rate=1.0),
-    fc.Pressure(1.0),
-    fc.UserForce(("-x", "0", "1")),
-    fc.Tether("left", point=(0.0, 0.0, 0.0), stiffness=1.0),
-    fc.Gravity(),
-]
-ON_P1 = [
-    fc.HingeBending(),
-    fc.QuadraticBending(),
-    fc.Springs(),
-    fc.BaraffWitkin(area_exponent=0.5),
-    fc.Drag(normal=1.0),
-]
 
 
 def is_pattern_made(system) -> bool:
@@ -35,8 +16,7 @@ def is_pattern_made(system) -> bool:
 @pytest.mark.parametrize("pattern", ["right", "cross", "unstructured"])
 def test_only_a_tangent_makes_the_pattern(pattern, element):
     cloth = fc.Cloth.rectangle(1.0, 0.7, 0.3, pattern, element)
-    terms = TERMS + ON_P1 * (element == "P1")
-    system = fc.System(cloth, FABRIC, terms, pins=["left"], mass="lumped")
+    system = fc.System(cloth, FABRIC, [*terms_on(element).values()], pins=["left"], mass="lumped")
     state = system.rest()
     system.force(state), system.energies(state), system.movable_pieces
     for _ in fc.march(system, fc.CentralDifference(beyond_limit=True), state, 1e-7, 2e-7):

@@ -12,35 +12,51 @@ TABLE = tomllib.loads(FILE.read_text(encoding="utf-8"))
 ROWS = {kind: np.mean(TABLE["blocks in a row"][kind]) for kind in ("membrane", "plate")}
 
 
-def pattern(blocks, in_row):
-    """A pattern of that size; where its blocks are does not matter."""
-    return BlockPattern(np.zeros(round(blocks / in_row) + 1, np.int32), np.empty(round(blocks)))
+PLAIN = ("tangent", "residual", "grids", "coarse", "refill", "cycle")
 
 
-@pytest.mark.parametrize("kind", ["membrane", "plate"])
+def prices_of(blocks, in_row):
+    """The prices of a matrix of that size by the names of the table's rows."""
+    rows = np.zeros(round(blocks / in_row) + 1, np.int32)
+    prices = Prices.of(BlockPattern(rows, np.empty(round(blocks))))
+    of_all = {name: getattr(prices, name) for name in PLAIN}
+    for name, each in prices.factors.items():
+        of_all |= {
+            f"{name} load": each.load * blocks,
+            f"{name} analysis": each.analysis,
+            f"{name} entries": each.entries / blocks,
+            f"{name} factor": each.factor * blocks,
+            f"{name} solve": each.solve * blocks,
+        }
+    return of_all
+
+
+def table(name):
+    """The prices of membrane and plate, small and large; SuperLU has no load and no analysis."""
+    both = TABLE.get(name, {"membrane": [0.0, 0.0], "plate": [0.0, 0.0]})
+    return np.array([both["membrane"], both["plate"]])
+
+
+@pytest.mark.parametrize("kind", ROWS)
 @pytest.mark.parametrize("size", [0, 1])
 def test_the_prices_of_the_measured_matrices_are_those_of_the_table(kind, size):
-    blocks = TABLE["blocks"][size]
-    prices = Prices.of(pattern(blocks, ROWS[kind]))
-    for name in ("tangent", "residual", "grids", "coarse", "refill", "cycle"):
-        assert getattr(prices, name) == pytest.approx(TABLE[name][kind][size], rel=1e-2)
-    for name in ("pardiso", "rslab", "superlu"):
-        of_factor = prices.factors[name]
-        analysis, load = (
-            TABLE[f"{name} {part}"][kind][size] if name != "superlu" else 0.0
-            for part in ("analysis", "load")
-        )
-        assert of_factor.analysis == pytest.approx(analysis, rel=1e-2)
-        assert of_factor.load * blocks == pytest.approx(load, rel=1e-2)
-        in_row = {part: TABLE[f"{name} {part}"][kind][size] for part in ("entries", "factor")}
-        assert of_factor.entries == pytest.approx(in_row["entries"] * blocks, rel=1e-2)
-        assert of_factor.factor * blocks == pytest.approx(in_row["factor"], rel=1e-2)
-        solve = TABLE[f"{name} solve"][kind][size]
-        assert of_factor.solve * blocks == pytest.approx(solve, rel=1e-2)
+    for name, price in prices_of(TABLE["blocks"][size], ROWS[kind]).items():
+        assert price == pytest.approx(table(name)[[*ROWS].index(kind), size], rel=1e-2)
+
+
+def test_prices_between_the_measured_matrices_are_their_geometric_mean():
+    """Half-way on logarithmic scales of the blocks and of the blocks in a row."""
+    blocks, in_row = (np.sqrt(np.prod(each)) for each in (TABLE["blocks"], [*ROWS.values()]))
+    for name, price in prices_of(blocks, in_row).items():
+        assert price == pytest.approx(np.prod(table(name)) ** 0.25, rel=1e-2)
 
 
 def test_beyond_the_measured_matrices_prices_stay():
-    smallest = Prices.of(pattern(100, 2.0))
-    assert smallest.cycle == pytest.approx(TABLE["cycle"]["membrane"][0])
-    largest = Prices.of(pattern(1e7, 60.0))
-    assert largest.cycle == pytest.approx(TABLE["cycle"]["plate"][1])
+    """But for the entries of factors, which go on as a power of the blocks."""
+    small, large = TABLE["blocks"]
+    smallest, largest = prices_of(100, 2.0), prices_of(large**2 / small, 60.0)
+    for name in largest:
+        membrane, plate = table(name)
+        beyond = plate[1] ** 2 / plate[0] if "entries" in name else plate[1]
+        assert largest[name] == pytest.approx(beyond, rel=1e-2)
+        assert "entries" in name or smallest[name] == pytest.approx(membrane[0])

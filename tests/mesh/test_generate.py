@@ -71,9 +71,8 @@ def shuffled(mesh, seed):
     old = rng.permutation(len(mesh.X))
     new = np.argsort(old)
     t = new[mesh.triangles][rng.permutation(len(mesh.triangles))]
-    nodes = {name: new[s] for name, s in mesh.node_sets.items()}
-    edges = {name: new[s] for name, s in mesh.edge_sets.items()}
-    return FlatMesh.from_arrays(mesh.X[old], t, nodes, edges)
+    sets = ({k: new[s] for k, s in each.items()} for each in (mesh.node_sets, mesh.edge_sets))
+    return FlatMesh.from_arrays(mesh.X[old], t, *sets)
 
 
 @drawn(lambda st: [st.sampled_from(STRUCTURED), st.integers(0, 2**32 - 1)], max_examples=20)

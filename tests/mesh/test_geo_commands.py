@@ -98,6 +98,7 @@ HARMLESS = [  # attacks that end with the comments, or that Gmsh answers with an
     'For i In {1:0}\n/* EndFor SystemCall "touch CANARY"; */ x = 1;\nEndFor',
     "SystemCall = 1;",
 ]
+WORKING = ["SystemCall %s;", 'Printf("x") > "CANARY";', "// \0SystemCall %s;"]
 ORDINARY = {
     "fields": """
         Field[1] = Distance; Field[1].CurvesList = {1, 2}; Field[1].Sampling = 100;
@@ -196,22 +197,14 @@ def test_a_command_outside_the_list_is_refused_before_gmsh_starts(folder, monkey
 
 
 @pytest.mark.stories
-@pytest.mark.parametrize("lines", HARMLESS)
-def test_harmless_parts_of_an_attack_leave_no_files(folder, lines):
+@pytest.mark.parametrize("lines", HARMLESS + WORKING)
+def test_parts_of_an_attack_leave_files_of_those_who_trust_only(folder, lines):
+    """Those that work show that the tests see what they look for."""
     path = written(folder, SQUARE + lines + "\n")
+    trust = lines in WORKING
     with suppress(MeshError):
-        assert len(read(path).triangles) > 4
-    assert made(folder) == []
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize(
-    "lines", ["SystemCall %s;", 'Printf("x") > "CANARY";', "// \0SystemCall %s;"]
-)
-def test_the_attacks_work_on_those_who_trust(folder, lines):
-    """So that the tests above see what they look for."""
-    assert len(read(written(folder, SQUARE + lines + "\n"), trust=True).triangles) > 4
-    assert made(folder) == ["CANARY"]
+        assert len(read(path, trust=trust).triangles) > 4
+    assert made(folder) == ["CANARY"] * trust
 
 
 @pytest.mark.stories
@@ -320,12 +313,6 @@ def test_meshing_ends_at_the_limit_of_time(folder):
     assert main(["mesh", str(path), "--mesh-time", "1"]) == 2
 
 
-@pytest.mark.stories
-def test_a_signal_ends_meshing_at_once(folder):
-    path = written(folder, FINE, "fine.geo")
-    assert stopped([sys.executable, "-m", "fecloth", "mesh", str(path)], signal.SIGTERM) == 4
-
-
 def children(pid: int) -> list[int]:
     text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
     return [int(word) for word in text.split()]
@@ -338,22 +325,25 @@ def is_running(pid: int) -> bool:
     return False
 
 
-def stopped(command: list[str], number: int) -> int:
+def stopped(path: Path, number: int) -> int:
     """Send a signal once the child meshes; neither process may live on for long.
 
     A test run that ignores the signal, as under nohup, must not hand that on.
     """
-    process = subprocess.Popen(
-        command,
-        stderr=subprocess.DEVNULL,
-        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+    handlers = (
+        {}
+        if number == signal.SIGKILL
+        else {"preexec_fn": lambda: signal.signal(number, signal.SIG_DFL)}
     )
+    command = [sys.executable, "-m", "fecloth", "mesh", str(path)]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, **handlers)
     while not (pids := children(process.pid)):
         assert process.poll() is None
         time.sleep(0.02)
     time.sleep(1.0)
     process.send_signal(number)
     status = process.wait()
+    time.sleep(0.5)
     assert not is_running(pids[0])
     return status
 
@@ -362,17 +352,10 @@ def stopped(command: list[str], number: int) -> int:
 @pytest.mark.skipif(
     sys.platform != "linux", reason="only Linux tells a process of its parent's end"
 )
-def test_the_child_ends_with_a_killed_parent(folder):
-    path = written(folder, FINE, "fine.geo")
-    process = subprocess.Popen([sys.executable, "-m", "fecloth", "mesh", str(path)])
-    while not (pids := children(process.pid)):
-        assert process.poll() is None
-        time.sleep(0.02)
-    time.sleep(1.0)
-    process.kill()
-    process.wait()
-    time.sleep(0.5)
-    assert not is_running(pids[0])
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 4), (signal.SIGKILL, -9)])
+def test_a_signal_ends_meshing_at_once(folder, number, status):
+    """And the child ends with a killed parent."""
+    assert stopped(written(folder, FINE, "fine.geo"), number) == status
 
 
 @pytest.mark.stories

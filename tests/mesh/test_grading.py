@@ -1,10 +1,9 @@
-"""Gradings: edge lengths follow their formula in every shape, and what cannot be graded."""
+"""Gradings: edge lengths follow their formula in every shape."""
 
 import numpy as np
 import pytest
-from support.meshed import MESHES, areas, rejects
+from support.meshed import MESHES, areas
 
-from fecloth.errors import InputError, MeshError
 from fecloth.mesh.generate import disk, rectangle
 from fecloth.mesh.grading import Grading
 from fecloth.mesh.read import read
@@ -51,15 +50,3 @@ def test_a_finer_h_alone_refines_the_family():
     assert len(fine.triangles) / len(coarse.triangles) == pytest.approx(4, rel=0.1)
     least = [measured_factors(mesh, h).min() * h for mesh, h in ((coarse, 0.05), (fine, 0.025))]
     assert least[0] / least[1] == pytest.approx(2**2.5, rel=0.15)
-
-
-def test_what_cannot_be_graded_is_refused(tmp_path):
-    left = Grading("left", distance=0.1)
-    rejects(
-        ["a .geo file with h"], MESHES / "square_22.msh", grading=[left], by=read, error=InputError
-    )
-    rejects(["a .geo file with h"], MESHES / "flag.geo", grading=[left], by=read, error=InputError)
-    file = tmp_path / "own.geo"
-    field = 'Field[1] = MathEval;\nField[1].F = "0.1";\nBackground Field = 1;\n'
-    file.write_text((MESHES / "square.geo").read_text() + field)
-    rejects(["size fields of their own"], file, 0.1, grading=[left], by=read, error=MeshError)

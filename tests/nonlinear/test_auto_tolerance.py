@@ -165,14 +165,13 @@ def test_the_error_in_place_is_known_after_two_corrections_that_shrink(hanging):
 
 
 @pytest.mark.parametrize(("part", "small"), [(0.8, True), (1.25, False)])
-def test_a_millionth_of_the_largest_displacement_may_be_left(hanging, part, small):
+def test_a_millionth_of_the_largest_displacement_and_a_residual_of_1e_9_are_small(
+    hanging, part, small
+):
+    lengths = [1e-2, 1e-4, 1e-6]
     moved = 1e-8 / 0.99 / (part * 1e-6)
-    assert in_place(hanging, [1e-2, 1e-4, 1e-6], moved=moved).is_small is small
-
-
-@pytest.mark.parametrize(("residual", "small"), [(0.8e-9, True), (1.25e-9, False)])
-def test_the_residual_is_below_1e_9_too(hanging, residual, small):
-    assert in_place(hanging, [1e-2, 1e-4, 1e-6], residual=residual).is_small is small
+    assert in_place(hanging, lengths, moved=moved).is_small is small
+    assert in_place(hanging, lengths, residual=part * 1e-9).is_small is small
 
 
 @pytest.mark.parametrize(("part", "stagnates"), [(0.8, False), (1.25, True)])
@@ -246,19 +245,21 @@ def explore(steps, alpha=0.5, pause=NO_PAUSE):
     return steps.explore(searched, np.ones((1, 3)), searched)
 
 
-def explored(steps, alpha=0.5):
-    """The way of `explore`, and 0 where the end of the search is taken."""
-    return float(explore(steps, alpha).point.y[0, 0])
-
-
-@pytest.mark.parametrize(("falls_at", "way"), [(1, 1), (10, 10), (12, 12), (13, 0), (15, 0)])
-def test_up_to_twelve_whole_steps_are_tried(falls_at, way):
-    assert explored(explorer(falls_at)) == way
-
-
-def test_whole_steps_are_tried_only_after_a_shortened_step_of_a_static_equation():
-    assert explored(explorer(1), alpha=1.0) == 0
-    assert explored(explorer(1, explores=False)) == 0
+@pytest.mark.parametrize(
+    ("falls_at", "given", "alpha", "way"),
+    [
+        (1, {}, 0.5, 1),
+        (12, {}, 0.5, 12),
+        (13, {}, 0.5, 0),  # up to twelve are tried
+        (1, {}, 1.0, 0),  # only after a shortened step
+        (1, {"explores": False}, 0.5, 0),  # of a static equation
+        (0.5, {"longest": 0.5}, 0.5, 0.5),  # no longer than the cloth
+    ],
+)
+def test_whole_steps_in_a_row(falls_at, given, alpha, way):
+    """The way that is taken, and 0 where the end of the search is."""
+    ended = explore(explorer(falls_at, **given), alpha)
+    assert float(ended.point.y[0, 0]) == way
 
 
 def test_after_steps_in_vain_the_search_goes_on_alone_for_1_2_and_4_iterations():
@@ -275,10 +276,6 @@ def test_after_steps_in_vain_the_search_goes_on_alone_for_1_2_and_4_iterations()
 
 def test_whole_steps_that_helped_end_the_longer_pauses():
     assert explore(explorer(1), pause=Pause(left=0, length=4)).pause == NO_PAUSE
-
-
-def test_no_step_is_longer_than_the_cloth():
-    assert explored(explorer(0.5, longest=0.5)) == 0.5
 
 
 @pytest.mark.parametrize(

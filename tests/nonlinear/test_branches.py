@@ -7,6 +7,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.nonlinear import increments
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.load_steps import LoadSteps
 
@@ -48,15 +49,21 @@ def test_pins_that_move_are_never_moved_in_one_jump():
 
 @pytest.fixture
 def solve_by(monkeypatch):
-    """Let the nodes be lifted by a function of the factor on the loads; returns what is solved."""
+    """Let a function of the factor on the loads lift the nodes, or say None for no solution.
 
-    def use(height):
+    It returns the list of factors that are solved for.
+    """
+
+    def use(height, newton=9):
         solved = []
 
         def solve(equation, guess, context, report):
             solved.append(equation.load)
-            x = equation.system.rest().x + [0, 0, height(equation.load)]
-            return increments.Solved(x, Counts(newton=9))
+            lift = height(equation.load)
+            if lift is None:
+                raise increments.EquilibriumFailed("no", 1.0, None, "")
+            x = equation.system.rest().x + [0, 0, lift]
+            return increments.Solved(x, Counts(newton=newton))
 
         monkeypatch.setattr(increments, "solve_static", solve)
         return solved
@@ -64,16 +71,45 @@ def solve_by(monkeypatch):
     return use
 
 
-def increase():
+def increase(first=0.125, contact=(), context=None):
     cloth = fc.Cloth.rectangle(0.5, 0.5, 0.25, "right")
-    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()])
-    return increments.increase_loads(system, system.rest(), None, 0.125)
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK(), *contact])
+    return increments.increase_loads(system, system.rest(), context, first)
 
 
 def test_a_smooth_course_is_not_halved(solve_by):
     solved = solve_by(lambda load: load + load**2)
     assert increase().course.jumps == ()
     assert len(solved) == 8
+
+
+@pytest.mark.parametrize(("newton", "count"), [(6, 6), (8, 6), (10, 9)])
+def test_an_increment_grows_again_after_a_solution_in_eight_iterations(newton, count, solve_by):
+    """Of four increments the first fails, so that it is halved."""
+    solved = solve_by(lambda load: None if solved == [0.25] else 0.0, newton)
+    increase(0.25)
+    assert solved[1] == 0.125
+    assert len(solved) == count
+
+
+def test_an_increment_is_halved_to_a_64th(solve_by):
+    solved = solve_by(lambda load: None)
+    with pytest.raises(fc.EquilibriumFailed, match="load stepping ended at 0 of the loads"):
+        increase(0.25)
+    assert solved == [0.25 / 2**k for k in range(7)] + [1.0]
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_where_small_loads_have_no_solution_all_are_tried_at_once(friction, solve_by):
+    """A sheet without bending that does not touch yet: little load holds it less than much."""
+    solve_by(lambda load: None if load < 0.9 else 0.0, newton=5)
+    plane = fc.Obstacle(fc.shapes.Plane((0, 0, -1), (0, 0, 1)), 1e-3, friction)
+    context = SolverContext(None, None, fc.Newton())
+    if friction:
+        with pytest.raises(fc.EquilibriumFailed):
+            increase(0.25, [plane], context)
+    else:
+        assert increase(0.25, [plane], context).solved.counts.newton == 5
 
 
 @pytest.mark.parametrize(("part", "is_halved"), [(0.98, False), (1.02, True)])

@@ -56,40 +56,30 @@ def key_of(system, stage, shift=0.0):
     return StageEquation(system, stage, "on_failure").key(Remedy(shift, False))
 
 
-def test_other_weights_take_another_factor(drum):
+def test_another_matrix_takes_another_factor(drum):
+    """With other weights, σ, system, or after another `prepare`."""
     solver = direct(drum)
     state, counts = fallen(drum, solver, [1e-3] * 3)
     assert counts[-1].factorisations == 0
     _, counts = fallen(drum, solver, [1.01e-3], state)
     assert counts[0].factorisations > 0
-    stage = fc.ImplicitMidpoint().stage(state, 1.01e-3)
-    assert solver.factor_reuse.is_usable(key_of(drum, stage), solver.linear)
-    for other, shift in (
-        (fc.ImplicitMidpoint().stage(state, 1e-3), 0.0),
-        (fc.BackwardEuler().stage(state, 1.01e-3), 0.0),
-        (stage, 0.25),
-    ):
-        assert not solver.factor_reuse.is_usable(key_of(drum, other, shift), solver.linear)
-
-
-def test_another_system_takes_another_factor(drum, isotropic):
-    solver = direct(drum)
-    state, _ = fallen(drum, solver, [1e-3] * 3)
+    midpoint, euler = fc.ImplicitMidpoint(), fc.BackwardEuler()
+    stage, others = midpoint.stage(state, 1.01e-3), midpoint.stage(state, 1e-3)
     heavy = fc.Fabric(0.4, 1000.0, 0.3)
     other = fc.System(drum.cloth, heavy, [fc.StVK(), fc.Gravity()], pins=["boundary"])
-    key = key_of(other, fc.ImplicitMidpoint().stage(state, 1e-3))
-    assert not solver.factor_reuse.is_usable(key, solver.linear)
-
-
-def test_another_prepare_replaces_the_factor(drum):
-    solver = direct(drum)
-    state, _ = fallen(drum, solver, [1e-3] * 3)
-    key = key_of(drum, fc.ImplicitMidpoint().stage(state, 1e-3))
+    key = key_of(drum, stage)
     assert solver.factor_reuse.is_usable(key, solver.linear)
+    for wrong in (
+        key_of(drum, others),
+        key_of(drum, euler.stage(state, 1.01e-3)),
+        key_of(drum, stage, shift=0.25),
+        key_of(other, stage),
+    ):
+        assert not solver.factor_reuse.is_usable(wrong, solver.linear)
     solver.linear.prepare(drum.project(drum.assemble(solver.matrix, state, wa=1.0)))
     assert not solver.factor_reuse.is_usable(key, solver.linear)
-    after, counts = fallen(drum, solver, [1e-3], state)
-    fresh, _ = fallen(drum, direct(drum), [1e-3], state)
+    after, counts = fallen(drum, solver, [1.01e-3], state)
+    fresh, _ = fallen(drum, direct(drum), [1.01e-3], state)
     assert counts[0].factorisations > 0
     assert np.array_equal(after.x, fresh.x)
 

@@ -103,23 +103,6 @@ def test_a_pull_back_and_forth_dissipates():
     assert run.energies["pins"][-1] > 0.75 * heat  # the mean of two forces, where the pull turns
 
 
-@pytest.mark.parametrize(("force", "slips"), [(0.8, False), (1.25, True)])
-def test_a_push_below_the_friction_moves_nothing(force, slips):
-    """Of the friction μ N of a sheet that lies on a table."""
-    cloth = fc.Cloth.rectangle(0.2, 0.1, h=0.05)
-    table = fc.Obstacle(S.Plane((0, 0, 0), UP), gap=GAP, friction=0.3, stiffness=1e3)
-    push = fc.UserForce((force * 0.3 * 0.2 * 9.81, 0, 0))  # N/m²
-    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), table, push]
-    start = flat(cloth) + [0, 0, 0.975e-3]
-    system = fc.System(cloth, FABRIC, terms)
-    if slips:
-        with pytest.raises(fc.EquilibriumFailed, match="neither pins nor friction"):
-            fc.equilibrium(system, system.state(start))
-    else:
-        way = fc.equilibrium(system, system.state(start)).x - start
-        assert 0 < way[:, 0].max() < 1e-6
-
-
 @pytest.mark.stories
 def test_a_table_that_turns_and_moves_takes_the_cloth_along():
     cloth = fc.Cloth.rectangle(0.2, 0.2, h=0.1)

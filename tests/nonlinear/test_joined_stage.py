@@ -98,19 +98,22 @@ def stage_of(system, weights=(1e-5, 3e-3, 0.9)):
     return Stage(0.3, x, v, a, wx, wv, wa, x, wx)
 
 
+def begun(system):
+    """The last stage of a system at the begin of a step, and its matrix."""
+    J, last = BlockMatrix.zeros(system.pattern), LastStage()
+    last.begin(system, stage_of(system), J)
+    return last, J
+
+
 @pytest.mark.parametrize("definite", [False, True])
 @pytest.mark.parametrize("name", TERMS)
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 def test_residual_tangent_and_potential_have_the_bits_of_single_calls(name, mass, definite):
     system = make_system(TERMS[name], mass=mass)
-    J = BlockMatrix.zeros(system.pattern)
     stage = stage_of(system)
-    last = LastStage()
-    last.begin(system, stage, J)
+    (last, J), (one_by_one, _) = begun(system), begun(system)
     assert last.joined is not None
     fast = StageEquation(system, stage, "on_failure", last)
-    one_by_one = LastStage()
-    one_by_one.begin(system, stage, J)
     one_by_one.joined = None
     plain = StageEquation(system, stage, "on_failure", one_by_one)
     q = 0.1 * np.random.default_rng(3).normal(size=stage.x.shape)
@@ -130,9 +133,7 @@ def test_residual_tangent_and_potential_have_the_bits_of_single_calls(name, mass
 
 def test_calls_serve_other_weights_times_and_unknowns():
     system = make_system(TERMS["pressure"])
-    J = BlockMatrix.zeros(system.pattern)
-    last = LastStage()
-    last.begin(system, stage_of(system), J)
+    last, J = begun(system)
     first = last.joined
     assert first is not None
     stage = stage_of(system, weights=(2e-5, 1e-3, 0.4))
@@ -147,9 +148,7 @@ def test_calls_serve_other_weights_times_and_unknowns():
 def test_a_kept_tangent_serves_three_iterations():
     """The tangent of the plate is evaluated anew in the first and the fourth iteration only."""
     system = make_system(TERMS["plate"])
-    J = BlockMatrix.zeros(system.pattern)
-    last = LastStage()
-    last.begin(system, stage_of(system), J)
+    last, J = begun(system)
     exact = Remedy(0.0, False)
     assert last.kept is not None
     plates = []
@@ -165,9 +164,7 @@ def test_a_kept_tangent_serves_three_iterations():
 
 def test_a_kept_tangent_is_evaluated_anew_for_a_definite_matrix_and_in_each_step():
     system = make_system(TERMS["plate"])
-    J = BlockMatrix.zeros(system.pattern)
-    last = LastStage()
-    last.begin(system, stage_of(system), J)
+    last, J = begun(system)
     assert last.kept is not None
     needed = [last.kept.must_renew(definite) for definite in (False, False, True, True, False)]
     assert needed == [True, False, True, False, True]
@@ -178,9 +175,7 @@ def test_a_kept_tangent_is_evaluated_anew_for_a_definite_matrix_and_in_each_step
 def test_a_term_of_python_is_called_one_by_one():
     force = fc.UserForce(lambda x, v, t: -0.01 * v)
     system = make_system([fc.StVK(), force])
-    J = BlockMatrix.zeros(system.pattern)
-    last = LastStage()
-    last.begin(system, stage_of(system), J)
+    last, _ = begun(system)
     assert last.joined is None
 
 

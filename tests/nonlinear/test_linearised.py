@@ -125,24 +125,24 @@ def corrections_of(sizes, tolerance=0.0):
     return len(made), bool(next_matrix)
 
 
-def test_a_matrix_makes_twelve_corrections():
-    assert corrections_of([0.4**n for n in range(20)]) == (12, True)
+SHRINKING = [0.4**n for n in range(20)]
+MILLIONTH = np.array([4.0, 1.2, 1.0]) * 1e-6
 
 
-@pytest.mark.parametrize(("contraction", "is_round_off"), [(0.8 * 0.2, True), (1.25 * 0.2, False)])
-def test_corrections_of_a_good_matrix_that_no_longer_shrink_are_round_off(
-    contraction, is_round_off
-):
-    assert corrections_of([1.0, contraction, 0.9 * contraction]) == (3, not is_round_off)
-
-
-@pytest.mark.parametrize(("part", "is_round_off"), [(0.8, True), (1.25, False)])
-def test_corrections_of_a_millionth_that_no_longer_shrink_are_round_off(part, is_round_off):
-    size = part * 1e-6
-    assert corrections_of([4 * size, 1.2 * size, size]) == (3, not is_round_off)
-
-
-@pytest.mark.parametrize(("part", "count"), [(0.8, 2), (1.25, 1)])
-def test_the_first_correction_counts_as_of_a_contraction_of_03(part, count):
-    """The error left is then 0.3/0.7 of it; the second correction here is none."""
-    assert corrections_of([1.0, 0.0], tolerance=part * 0.3 / 0.7) == (count, False)
+@pytest.mark.parametrize(
+    ("sizes", "tolerance", "count", "takes_next"),
+    [
+        (SHRINKING, 0.0, 12, True),  # a matrix makes twelve corrections
+        # the first two shrink by less than a fifth, the third no longer: round-off
+        ([1.0, 0.8 * 0.2, 0.9 * 0.8 * 0.2], 0.0, 3, False),
+        ([1.0, 1.25 * 0.2, 0.9 * 1.25 * 0.2], 0.0, 3, True),
+        # corrections of a millionth that no longer shrink are round-off
+        (0.8 * MILLIONTH, 0.0, 3, False),
+        (1.25 * MILLIONTH, 0.0, 3, True),
+        # the first counts as of a contraction of 0.3: 0.3/0.7 of it are left
+        ([1.0, 0.0], 0.8 * 0.3 / 0.7, 2, False),
+        ([1.0, 0.0], 1.25 * 0.3 / 0.7, 1, False),
+    ],
+)
+def test_how_many_corrections_are_made(sizes, tolerance, count, takes_next):
+    assert corrections_of(sizes, tolerance) == (count, takes_next)

@@ -1,7 +1,6 @@
 """Newton's iteration: convergence, indefinite tangents, its stopping rule."""
 
 import contextlib
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from conftest import affine, flat, rough
 import fecloth as fc
 from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.newton import NewtonFailed, StageEquation
-from fecloth.nonlinear.remedies import Remedy
 from fecloth.nonlinear.steps import Steps
 from fecloth.simulation.resolve import solver_for
 
@@ -71,42 +69,6 @@ def test_the_symmetric_damping_tangent_costs_quadratic_convergence(
 def test_definiteness_none_fails_in_compression_with_a_remedy(arc):
     with pytest.raises(fc.StepFailed, match=r"not positive definite.*on_failure.*smaller dt"):
         steps(arc, [fc.StVK(), fc.Gravity()], "none")
-
-
-def turning(sheet, isotropic, damping):
-    """A stretched cloth at the start of a large step in which it turns by a quarter radian."""
-    system = fc.System(sheet, isotropic, [fc.StVK(), *damping])
-    x = 1.01 * flat(sheet)
-    stage = fc.BackwardEuler().stage(system.state(x, np.cross([0.0, 0.0, 5.0], x)), 0.05)
-    solver, _ = solver_for(system, fc.BackwardEuler(), 0.05, "direct")
-    steps = Steps(StageEquation(system, stage, "on_failure"), solver)
-    start = replace(steps.begin(np.zeros_like(x)), least_norm=0.0)
-    return steps, start, steps.directions.find(start.point, Remedy(0.0, False))
-
-
-def test_the_search_cuts_a_step_that_is_too_long_for_the_potential(sheet, isotropic):
-    steps, start, step = turning(sheet, isotropic, [])
-    new, _ = steps.search_along(start, 40 * step)
-    taken = np.linalg.norm(new.y) / np.linalg.norm(step)
-    assert 0 < taken < 20
-    potential = steps.equation.potential
-    assert potential(new.y) < potential(start.point.y)
-    assert potential(40 * step) > potential(start.point.y)
-
-
-def test_the_search_cuts_a_step_at_whose_end_the_residual_pushes_back(sheet, isotropic):
-    steps, start, step = turning(sheet, isotropic, [fc.StrainRateDamping(0.01, rate="velocity")])
-    long = 8 * step
-    new, _ = steps.search_along(start, long)
-    assert 0 < np.linalg.norm(new.y) / np.linalg.norm(step) < 8
-    there, _ = steps.equation.residual(long, start.point.scale)
-    assert np.vdot(new.R, long) <= 0.8 * abs(np.vdot(start.point.R, long)) < np.vdot(there, long)
-
-
-def test_an_uphill_direction_is_no_improvement(sheet, isotropic):
-    steps, start, step = turning(sheet, isotropic, [])
-    assert np.vdot(start.point.R, step) < 0
-    assert steps.search_along(start, -1e-3 * step) is None
 
 
 @pytest.mark.parametrize("dt", [1e-7, 1e-5, 1e-3])

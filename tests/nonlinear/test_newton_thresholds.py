@@ -4,7 +4,6 @@ The equation is scripted: one number y [m] in place of the positions of a cloth 
 R(y), and directions that belong to no matrix.
 """
 
-from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 import fecloth as fc
 from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.protocol import SolveInfo
-from fecloth.nonlinear import increments as statics
 from fecloth.nonlinear import static_equation
 from fecloth.nonlinear.context import FactorReuse, SolverContext
 from fecloth.nonlinear.equation import largest_step
@@ -23,7 +21,6 @@ from fecloth.nonlinear.line_search import Point, find_step
 from fecloth.nonlinear.newton import MULTIPLES, REMEDIES
 from fecloth.nonlinear.remedies import Remedies, Remedy, RemedySearch
 from fecloth.nonlinear.static_equation import LONGEST_DIRECTION, StaticEquation
-from fecloth.nonlinear.statistics import Counts
 
 SUMS = SimpleNamespace(norm=np.linalg.norm, dot=np.vdot, rms=lambda mass, s: np.linalg.norm(s))
 EXACT = REMEDIES["on_failure"][0]
@@ -167,25 +164,25 @@ def stalling(left=0.45, way=0.9e-7, noise=0.1, scale=1.0):
     return script.run()
 
 
-@pytest.mark.parametrize(("left", "asks"), [(0.25 * 0.8, False), (0.25 * 1.25, True)])
-def test_round_off_is_looked_for_where_more_than_a_quarter_of_the_residual_is_left(left, asks):
-    assert stalling(left=left).newton == (1 if asks else 2)
-
-
-@pytest.mark.parametrize(("way", "asks"), [(0.8e-7, True), (1.25e-7, False)])
-def test_round_off_is_looked_for_where_no_node_moves_by_1e_7_of_the_cloth(way, asks):
-    assert stalling(way=way).newton == (1 if asks else 2)
-
-
-@pytest.mark.parametrize(("times", "ends"), [(8 * 0.8, True), (8 * 1.25, False)])
-def test_a_residual_of_eight_times_the_change_by_the_last_digits_is_round_off(times, ends):
-    assert stalling(noise=0.45 / times).newton == (1 if ends else 2)
-
-
-@pytest.mark.parametrize(("part", "limited"), [(0.8, 1), (1.25, 0)])
-def test_round_off_of_a_millionth_of_the_forces_is_a_cloth_at_rest(part, limited):
-    counts = stalling(noise=0.1, scale=0.8 / (part * 1e-6))
-    assert (counts.newton, counts.limited) == (1, limited)
+@pytest.mark.parametrize(
+    ("given", "newton", "limited"),
+    [  # where more than a quarter of the residual is left
+        ({"left": 0.25 * 0.8}, 2, 0),
+        ({"left": 0.25 * 1.25}, 1, 0),
+        # where no node moves by 1e-7 of the cloth
+        ({"way": 0.8e-7}, 1, 0),
+        ({"way": 1.25e-7}, 2, 0),
+        # a residual of eight times the change by the last digits is round-off
+        ({"noise": 0.45 / (8 * 0.8)}, 1, 0),
+        ({"noise": 0.45 / (8 * 1.25)}, 2, 0),
+        # round-off of a millionth of the forces is a cloth at rest
+        ({"noise": 0.1, "scale": 0.8 / (0.8 * 1e-6)}, 1, 1),
+        ({"noise": 0.1, "scale": 0.8 / (1.25 * 1e-6)}, 1, 0),
+    ],
+)
+def test_round_off_is_looked_for_and_ends_the_iteration(given, newton, limited):
+    counts = stalling(**given)
+    assert (counts.newton, counts.limited) == (newton, limited)
 
 
 @pytest.mark.parametrize(("part", "length"), [(0.8, 1.0), (1.25, 0.5)])
@@ -301,62 +298,6 @@ def test_a_cloth_that_nothing_holds_is_told_after_ten_of_its_extents():
         fc.equilibrium(system, system.rest())
     way = -caught.value.state.x[:, 2].mean() / 0.5
     assert 10.0 < way < 12.0
-
-
-@pytest.mark.parametrize(("newton", "increments"), [(6, 6), (8, 6), (10, 9)])
-def test_an_increment_grows_again_after_a_solution_in_eight_iterations(
-    newton, increments, monkeypatch
-):
-    """Of four increments the first fails, so that it is halved."""
-    solved = []
-
-    def solve(equation, x, context, report):
-        solved.append(equation.load)
-        if len(solved) == 1:
-            raise statics.EquilibriumFailed("no", 1.0, None, "")
-        return statics.Solved(x, Counts(newton=newton))
-
-    monkeypatch.setattr(statics, "solve_static", solve)
-    cloth = fc.Cloth.rectangle(0.5, 0.5, 0.25, "right")
-    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()])
-    statics.increase_loads(system, system.rest(), None, 0.25)
-    assert solved[1] == 0.125
-    assert len(solved) == increments
-
-
-def test_an_increment_is_halved_to_a_64th(monkeypatch):
-    solved = []
-
-    def solve(equation, x, context, report):
-        solved.append(equation.load)
-        raise statics.EquilibriumFailed("no", 1.0, None, "")
-
-    monkeypatch.setattr(statics, "solve_static", solve)
-    cloth = fc.Cloth.rectangle(0.5, 0.5, 0.25, "right")
-    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()])
-    with pytest.raises(fc.EquilibriumFailed, match="load stepping ended at 0 of the loads"):
-        statics.increase_loads(system, system.rest(), None, 0.25)
-    assert solved == [0.25 / 2**k for k in range(7)] + [1.0]
-
-
-def test_where_small_loads_have_no_solution_all_are_tried_at_once(monkeypatch):
-    """A sheet without bending that does not touch yet: little load holds it less than much."""
-
-    def solve(equation, x, context, report):
-        if equation.load < 0.9:
-            raise statics.EquilibriumFailed("no", 1.0, None, "")
-        return statics.Solved(x, Counts(newton=5))
-
-    monkeypatch.setattr(statics, "solve_static", solve)
-    cloth = fc.Cloth.rectangle(0.5, 0.5, 0.25, "right")
-    solver = SolverContext(None, None, fc.Newton())
-    fabric, plane = fc.Fabric(0.2, 100.0), fc.shapes.Plane((0, 0, -1), (0, 0, 1))
-    for friction, context in ((0.0, nullcontext()), (0.3, pytest.raises(fc.EquilibriumFailed))):
-        terms = [fc.StVK(), fc.Obstacle(plane, 1e-3, friction)]
-        system = fc.System(cloth, fabric, terms)
-        with context:
-            increase = statics.increase_loads(system, system.rest(), solver, 0.25)
-            assert increase.solved.counts.newton == 5
 
 
 def test_without_an_estimate_auto_ends_at_a_residual_of_1e_6():

@@ -17,14 +17,12 @@ SOFT = fc.Fabric(0.15, 2000.0, bending_rigidity=0.0118)
 TERMS = [fc.StVK(), fc.HingeBending(), fc.Gravity()]
 
 
-def cantilever(sliver=0.01, grip=SOFT):
-    """A strip, the first two columns of cells pinned: the first as wide as `sliver`, of `grip`."""
+def cantilever(grip=SOFT):
+    """A strip whose first two columns of nodes are pinned: the cells between them are of `grip`."""
     plain = fc.Cloth.rectangle(0.2, 0.05, 0.01, "right")
-    X = plain.X.copy()
-    X[X[:, 0] == 0, 0] = 0.01 - sliver
     is_grip = plain.X[plain.triangles, 0].max(axis=1) < 0.01 + 1e-9
     regions = {"grip": np.flatnonzero(is_grip), "body": np.flatnonzero(~is_grip)}
-    cloth = fc.Cloth.from_arrays(X, plain.triangles, regions=regions)
+    cloth = fc.Cloth.from_arrays(plain.X, plain.triangles, regions=regions)
     pin = fc.Pin(lambda X: X[:, 0] < 0.02 + 1e-9)
     return fc.System(cloth, {"grip": grip, "body": SOFT}, TERMS, pins=[pin])
 
@@ -34,17 +32,6 @@ def tip(system, state):
 
 
 # --- pinned nodes (what they do to each other is no measure of anything) --------------------------
-
-
-@pytest.mark.parametrize("sliver", [1e-4, 1e-6, 1e-8])
-def test_a_pinned_sliver_does_not_end_the_iteration(sliver):
-    expected = fc.equilibrium(cantilever(), cantilever().rest())
-    system = cantilever(sliver)
-    result = fc.equilibrium(system, system.rest())
-    assert result.residual <= 1e-9
-    assert result.iterations == expected.iterations
-    assert tip(system, result) == pytest.approx(tip(cantilever(), expected), rel=1e-9)
-    assert tip(system, result) < -0.02
 
 
 @pytest.mark.parametrize("stiffness", [2e8, 1e12])
@@ -153,32 +140,6 @@ def test_steps_limited_by_round_off_are_counted_and_told(far_away):
 
 
 # --- the line search ------------------------------------------------------------------------------
-
-
-def double_well(y):
-    """(y² − 1)²/4 of one number: concave about 0, least at ±1."""
-    return float((y[0, 0] ** 2 - 1) ** 2 / 4)
-
-
-@pytest.mark.parametrize("tiny", [0.0, 1e9])
-@pytest.mark.parametrize("potential", [double_well, None])
-def test_a_step_out_of_an_unstable_balance_is_doubled(potential, tiny):
-    """While the slope grows, until it does not or the step is too long; 2 % a step otherwise."""
-
-    def at(y):
-        R = y**3 - y
-        return Point(y, R, float(np.linalg.norm(R)), 1.0)
-
-    start = at(np.array([[0.01, 0.0, 0.0]]))
-    step = np.array([[2e-4, 0.0, 0.0]])
-    result, alpha = find_step(NodeSums(), at, start, step, 0.0, potential, tiny=tiny)
-    if potential is None and not tiny:
-        assert alpha == 1.0  # nothing tells how far it may go
-    else:
-        assert alpha == 2**12 or 0.5 < result.y[0, 0] < 1.5
-        assert double_well(result.y) < 0.2
-    _, alpha = find_step(NodeSums(), at, start, step, 0.0, potential, longest=4.0, tiny=tiny)
-    assert alpha <= 4.0
 
 
 def test_where_round_off_hides_the_potential_the_slopes_tell():

@@ -194,14 +194,25 @@ def test_lists_name_every_frame_at_its_time(system, states, tmp_path):
     assert not list(tmp_path.rglob("*.part"))
 
 
-def test_a_frame_read_back_is_the_state(system, states, tmp_path):
-    state = at(states[0], 0.1 + 0.2)
-    file = Frames(tmp_path / "a", system.cloth, system).add(state)
-    back = read_frame(file, system.cloth)
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_frame_read_back_is_the_state(element, tmp_path):
+    """And meshio reads its positions, cells and energy; triangles of P2 are quadratic ones."""
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, element=element)
+    system = fc.System(cloth, fc.Fabric(0.15, 2000.0), [fc.StVK()])
+    _, x, v = trial_states(cloth)[0]
+    state = system.state(x, v, t=0.1 + 0.2)
+    file = Frames(tmp_path / "a", cloth, system).add(state)
+    back = read_frame(file, cloth)
     assert back.t == state.t
     np.testing.assert_array_equal(back.x, state.x)
     np.testing.assert_array_equal(back.v, state.v)
     back.x[0] = 0.0  # its own writable arrays
+    mesh = meshio.read(file)
+    kind = {"P1": "triangle", "P2": "triangle6"}[element]
+    assert np.array_equal(mesh.cells_dict[kind], cloth.cells)
+    assert np.array_equal(mesh.points, state.x)
+    energy = mesh.cell_data["energy_density"][0] @ cloth.weights.sum(axis=1)
+    assert energy == pytest.approx(system.energies(state)["StVK"], rel=1e-7)
 
 
 def test_a_frame_of_something_else_is_refused(system, states, tmp_path):
@@ -219,15 +230,10 @@ def test_a_frame_of_something_else_is_refused(system, states, tmp_path):
     plain.write_bytes(text.replace(b"TimeValue", b"Time"))
     with pytest.raises(InputError, match="no TimeValue"):
         read_frame(plain, cloth)
-    for broken in (text[: len(text) // 2], b"", b"hello"):
-        plain.write_bytes(broken)
-        with pytest.raises(InputError, match=r"plain.vtu: cannot be read"):
-            read_frame(plain, cloth)
-    with pytest.raises(InputError, match=r"none.vtu: cannot be read"):
-        read_frame(tmp_path / "none.vtu", cloth)
+    plain.write_bytes(text[: len(text) // 2])
+    with pytest.raises(InputError, match=r"plain.vtu: cannot be read"):
+        read_frame(plain, cloth)
 
-
-# --- killed ---------------------------------------------------------------------------------------
 
 # --- disk full ------------------------------------------------------------------------------------
 
@@ -275,26 +281,6 @@ def test_a_list_that_cannot_grow_keeps_its_end(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert file.read_bytes() == b"one two END"
-
-
-def test_frames_are_quadratic_triangles(quadratic, orthotropic, tmp_path):
-    cloth, system = quadratic, fc.System(quadratic, orthotropic, [fc.StVK()])
-    state = system.state(trial_states(cloth)[0][1])
-    state = fc.State(0.25, state.x, trial_states(cloth)[0][2])
-    fc.write_vtk(tmp_path / "a", cloth, state, system)
-    file = tmp_path / "a_000000.vtu"
-    mesh = meshio.read(file)
-    assert np.array_equal(mesh.cells_dict["triangle6"], cloth.cells)
-    assert np.array_equal(mesh.points, state.x)
-    assert mesh.cell_data["energy_density"][0].shape == (len(cloth.triangles),)
-    energy = mesh.cell_data["energy_density"][0] @ cloth.weights.sum(axis=1)
-    assert energy == pytest.approx(system.energies(state)["StVK"], rel=1e-7)
-    again = read_frame(file, cloth)
-    assert again.t == 0.25
-    assert np.array_equal(again.x, state.x)
-    assert np.array_equal(again.v, state.v)
-    with pytest.raises(fc.InputError, match="nodes: the cloth has"):
-        read_frame(file, fc.Cloth.rectangle(0.3, 0.2, h=0.1))
 
 
 @pytest.mark.filterwarnings("ignore:The default value of `algorithm`")

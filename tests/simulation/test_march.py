@@ -36,8 +36,8 @@ def test_solver_choices_agree(isotropic):
     cloth = fc.Cloth.disk(0.5, h=0.1)
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
     ends = [
-        fc.run(system, fc.ImplicitMidpoint(), system.rest(), 2e-3, 0.05, solver=solver).state.x
-        for solver in ("superlu", "pcg", "multigrid", "auto", "direct")
+        fc.run(system, fc.ImplicitMidpoint(), system.rest(), 2e-3, 0.01, solver=solver).state.x
+        for solver in ("superlu", "pcg", "multigrid", "auto")
     ]
     for x in ends[1:]:
         np.testing.assert_allclose(x, ends[0], atol=1e-7)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.errors import InputError
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.on_request import grip_width, shadow_area, support_area
 from fecloth.simulation.probes import Observer
@@ -114,12 +113,6 @@ def test_a_ring_stands_for_a_disc_whose_middle_is_held():
     assert flat["drape_coefficient"] == pytest.approx(1.0, abs=1e-5)
 
 
-def test_a_cloth_that_a_plate_covers_has_no_drape():
-    plate = fc.Obstacle(fc.shapes.Disk((0, 0, -0.01), (0, 0, 1), 1.0, 0.02))
-    with pytest.raises(InputError, match="needs cloth beside it"):
-        drape(lifted(DISC, lambda r, theta: 0 * r), pins=(), terms=[plate])
-
-
 @pytest.mark.parametrize("n", [2, 5, 7])
 def test_waves_of_the_rim(n):
     """The rim ρ(θ) = ρ₀ + a cos nθ has the area π (ρ₀² + a²/2), and n folds."""
@@ -179,15 +172,10 @@ def test_the_width_of_a_grip_is_where_it_meets_free_cloth():
         fc.Pin(lambda X: X[:, 0] < 0.21, name="jaw"),  # an area: its inner edge
         fc.Pin(lambda X: abs(X[:, 0] - 0.5) < 0.01, name="line"),  # a line, once
         fc.Pin(lambda X: (X[:, 0] > 0.99) & (X[:, 1] > 0.19), name="corner"),
-        fc.Pin(np.array([int(np.argmax(cloth.X[:, 0] - cloth.X[:, 1]))]), name="point"),
     ]
     system = fc.System(cloth, fc.Fabric(0.2, 800.0), [fc.StVK()], pins=pins)
     for name, width in {"jaw": 0.3, "line": 0.3, "corner": 0.1}.items():
         assert grip_width(system, name) == pytest.approx(width)
-    with pytest.raises(InputError, match="holds no edge"):
-        grip_width(system, "point")
-    with pytest.raises(InputError, match="Did you mean 'jaw'"):
-        grip_width(system, "jax")
 
 
 # --- in the grammar -------------------------------------------------------------------------------
@@ -245,11 +233,5 @@ def test_a_scene_has_the_columns_that_it_names_and_no_others(scene, tmp_path):
     assert more == {"distance of left edge and grip", *(f"line_force:right.{c}" for c in "xyz")}
 
 
-UNITS = {"distance of a and b": "m", "max folds": "", "line_force.grip.x": "N/m"}
-
-
-def test_their_units_and_columns():
-    units = {text: parse_quantity(text).unit() for text in UNITS}
-    assert units == UNITS
+def test_the_column_of_a_force_per_width():
     assert parse_quantity("line_force.grip.x at 0.3 s").column == "line_force:grip.x"
-    assert parse_quantity("min drape_coefficient").unit() == ""

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 import fecloth as fc
-from fecloth.errors import InputError
 from fecloth.mesh.surface import Enclosure
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import parse_quantity
@@ -53,13 +52,9 @@ def test_values_of_numbers(text, value):
     assert_allclose(value_of(parse_quantity(text), record(frequencies=(3.0, 5.0))), value)
 
 
-def test_a_change_that_is_not_reached_has_no_value():
-    with pytest.raises(InputError, match="sag at sag = 5 m: is not reached: sag changes by at mo"):
-        value_of(parse_quantity("sag at sag = 5 m"), record())
+def test_a_change_may_be_a_fall():
     falling = record(COLUMNS | {"fall": 7 - T})
     assert value_of(parse_quantity("StVK at fall = -0.5 m"), falling) == pytest.approx(1.0)
-    with pytest.raises(InputError, match="must be a column of this run"):
-        parse_quantity("sag at grap.x = 5 mm").require_known(COLUMNS)
 
 
 def test_the_size_of_a_probe_is_that_of_its_displacement():
@@ -107,7 +102,9 @@ def test_fields_in_l2_and_h1():
     ("text", "unit"),
     [("tip.z", "m"), ("energy.StVK", "J"), ("total", "J"), ("reaction.left.z", "N")]
     + [("path of tip", "m"), ("period of sag", "s"), ("frequency(1)", "Hz"), ("volume", "m³")]
-    + [("displacement", "m²"), ("displacement in H1", "m"), ("largest_stretch", "")],
+    + [("displacement", "m²"), ("displacement in H1", "m"), ("largest_stretch", "")]
+    + [("distance of a and b", "m"), ("max folds", ""), ("line_force.grip.x", "N/m")]
+    + [("min drape_coefficient", "")],
 )
 def test_units(text, unit):
     assert parse_quantity(text).unit(["total"]) == unit

@@ -64,14 +64,6 @@ def test_a_dt_beyond_the_limit_is_refused(sheet):
     next(fc.march(system, fc.CentralDifference(beyond_limit=True), start, 1.01 * limit, 1.0))
 
 
-def test_forward_euler_has_no_step_on_a_sheet_without_damping(sheet):
-    system = fc.System(*sheet, [fc.StVK()], ["left"])
-    with pytest.raises(fc.InputError, match=r"no dt is stable: .*Take CentralDifference or Sym"):
-        next(fc.march(system, fc.ForwardEuler(), system.rest(), 1e-9, 1e-8))
-    with pytest.raises(fc.InputError, match=r"has no stable step to choose\. Take CentralDiff"):
-        next(fc.march(system, fc.ForwardEuler(), system.rest(), t_end=1.0))
-
-
 def test_a_stretch_beyond_the_bound_ends_the_run(sheet):
     system = pulled(sheet, 3.0, 0.2)
     march = fc.march(system, fc.BackwardEuler(), system.rest(), 0.01, 0.3, most_stretch=2.0)

@@ -10,6 +10,7 @@ from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.orders import space_order
 from fecloth.view.html_report import read_table
 
+STORY = pytest.mark.stories
 STRESS = "stress.xx at (0.4, 0.1)"
 STRIP = """
 cloth = { shape = "rectangle", width = 1.0, height = 0.25, h = 0.25, pattern = "right" }
@@ -75,7 +76,7 @@ def test_a_motion_has_it_at_each_step(scene):
         assert list(row.values())[2:5] == pytest.approx(ends, rel=1e-3)
 
 
-@pytest.mark.stories
+@STORY
 def test_studies_take_it(scene):
     problem = scene(STRIP + INTEREST)
     study = fc.study.of(problem)
@@ -92,31 +93,26 @@ def test_studies_take_it(scene):
 
 
 CONSTANTS = {"fabric.tensile_stiffness": 1000.0, "fabric.poisson_ratio": 0.3}
-UNEVEN = STRIP.replace("1000.0", "1000.0, poisson_ratio = 0.3").replace("0.25, p", "0.1, p")
+UNEVEN = STRIP.replace("1000.0", "1000.0, poisson_ratio = 0.3").replace("0.25, p", "0.125, p")
 
 
-@pytest.mark.parametrize("element", ["P1", "P2"])
-@pytest.mark.parametrize("key", CONSTANTS)
+@pytest.mark.parametrize(
+    ("element", "key"),
+    [("P1", "fabric.poisson_ratio"), pytest.param("P2", "fabric.tensile_stiffness", marks=STORY)],
+)
 def test_its_derivative_is_the_slope_of_runs(scene, key, element):
     """With ν = 0.3 the clamped ends make the stress uneven."""
-    problem = scene(UNEVEN, f"cloth.element={element}")
-    quantities = [
-        "stress.xx at (0.1, 0.02)",
-        "stress.yy at (0.1, 0.02)",
-        "stress.xy at (0.1, 0.02)",
-    ]
-    derived = fc.sensitivity(problem, key, quantities)
+    quantities = [f"stress.{part} at (0.1, 0.02)" for part in ("xx", "yy", "xy")]
     size = 1e-3 * CONSTANTS[key]
-    values = [
-        [
-            fc.sensitivity(
-                scene(UNEVEN, f"cloth.element={element}", f"{key}={value}"), key, q
-            ).value
-            for q in quantities
-        ]
-        for value in (CONSTANTS[key] + size, CONSTANTS[key] - size)
-    ]
-    slopes = np.subtract(*values) / (2 * size)
+    derived, *answers = (
+        fc.sensitivity(
+            scene(UNEVEN, f"cloth.element={element}", f"{key}={CONSTANTS[key] + step}"),
+            key,
+            quantities,
+        )
+        for step in (0.0, size, -size)
+    )
+    slopes = np.subtract(*(answer.value for answer in answers)) / (2 * size)
     scale = np.abs(slopes).max()
     np.testing.assert_allclose(derived.derivative[:, 0], slopes, rtol=1e-4, atol=1e-5 * scale)
 

@@ -154,3 +154,18 @@ def test_a_change_of_a_signal_by_its_round_off_is_none(factor):
 def test_the_energy_of_a_cloth_at_rest_is_that_of_a_millionth_of_its_extent(system):
     """½ m (1e-6 L/T)², with 1 s, the 0.6 m of the sheet and its 0.036 kg."""
     assert negligible_energy(system, 1.0) == pytest.approx(0.5 * 0.036 * 0.6e-6**2)
+
+
+def test_round_off_causes_no_energy_warning(system):
+    """2e-27 J of a sheet at rest are those of its last digits; 2e-12 J are not."""
+    for off, told in ((2e-27, False), (2e-12, True)):
+        assert is_off(system, ledger(system, kinetic=off)) == told
+    assert not is_off(system, ledger(system))
+
+
+def test_a_term_without_energy_or_work_causes_no_warning(system):
+    """A user's force without a potential, as the remainder is all that it does."""
+    for silent in (False, True):
+        moved = ledger(system, kinetic=1.0, silent=silent)
+        assert is_off(system, moved) != silent
+        assert bool(Balance(0.0, 1.0).describe_growth(system, moved, 4.0)) != silent

@@ -1,7 +1,6 @@
 """The error in time that a run reports, against solutions in closed form."""
 
 import math
-import warnings
 from dataclasses import replace
 from functools import cache
 
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
-from support.tiers import in_turn
+from support.tiers import in_turn, stories_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -19,6 +18,9 @@ from fecloth.simulation.rigid_motion import derivative, rms_of_deformation
 from fecloth.simulation.sampled_error import FEWEST_SAMPLES, SampledError
 from fecloth.simulation.time_error import TimeError
 from fecloth.simulation.time_error_words import describe_time_error
+
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 
 TIGHT = fc.Newton(tolerance=1e-10)
 SIZE = 1e-5  # m; the motion is then linear
@@ -79,10 +81,7 @@ def errors(method, system, at, dt, t_end):
         seen.append((rms(weights, info.result.state.x - exact), exact))
 
     x, v = at(0.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fc.FeclothWarning)
-        start = system.state(x, v)
-        result = fc.run(system, method, start, dt, t_end, newton=TIGHT, report=report)
+    result = fc.run(system, method, system.state(x, v), dt, t_end, newton=TIGHT, report=report)
     largest = max(rms(weights, each - x) for _, each in seen)
     return estimate_of(result), max(far for far, _ in seen) / largest
 
@@ -164,7 +163,11 @@ def test_the_error_is_relative_to_all_that_moves_and_the_deformation_has_its_own
     assert rest.time_error > 3 * seen.time_error
 
 
-@pytest.mark.parametrize("method", [fc.BDF2(), fc.BackwardEuler(), fc.ImplicitMidpoint()], ids=str)
+@pytest.mark.parametrize(
+    "method",
+    stories_except([fc.BDF2(), fc.BackwardEuler(), fc.ImplicitMidpoint()], fc.BDF2()),
+    ids=str,
+)
 def test_a_rigid_rotation_is_judged_rightly(method):
     """A sheet that spins: the method turns it too slowly."""
     system, omega, mass = bar()[0], 20.0, bar()[0].nodal_mass
@@ -172,12 +175,8 @@ def test_a_rigid_rotation_is_judged_rightly(method):
     start = fc.State(0.0, r, omega * np.column_stack([-r[:, 1], r[:, 0], 0 * r[:, 0]]))
     dt = 0.0004 if method.traits.order == 1 else 0.004
     seen = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fc.FeclothWarning)
-        result = fc.run(
-            system, method, start, dt, 0.1, report=lambda i: seen.append(i.result.state)
-        )
-        fine = fc.run(system, fc.ImplicitMidpoint(), start, 0.0004, 0.1)
+    result = fc.run(system, method, start, dt, 0.1, report=lambda i: seen.append(i.result.state))
+    fine = fc.run(system, fc.ImplicitMidpoint(), start, 0.0004, 0.1)
     true = rms(mass, seen[-1].x - fine.state.x) / max(rms(mass, state.x - r) for state in seen)
     assert 1 / 3 < estimate_of(result) / true < 3
 
@@ -197,9 +196,7 @@ def test_a_motion_within_a_tenth_of_the_gap_has_no_estimate(part, known):
     cloth, gap = fc.Cloth.rectangle(0.3, 0.3, 0.3), 1e-3
     obstacles = [fc.Obstacle(fc.shapes.Plane((0, 0, -9), (0, 0, 1)), n * gap) for n in (1, 2)]
     system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK(), *obstacles])
-    run = Run(system, fc.BackwardEuler(), system.rest(), 0, 4.0, 1.0)
-    sampled = replace(SampledError.begin(run), whole=1e-6)
-    error = TimeError(system.rest().x, (0.0, 0), sampled, moved=part * 0.1 * gap)
+    error = TimeError(system.rest().x, (0.0, 0), sampled(whole=1e-6), moved=part * 0.1 * gap)
     whole, _ = error.relative_errors(system)
     expected = SampledError.safety * 1e-6 / error.moved
     assert whole == pytest.approx(expected) if known else math.isnan(whole)
@@ -211,7 +208,10 @@ def test_the_derivative_is_exact_for_polynomials():
     assert derivative(times, places) == pytest.approx(6 * cubic, abs=1e-6)
 
 
-@pytest.mark.parametrize(("t_end", "most"), [(20, 2 * FEWEST_SAMPLES), (2000, 400)])
+@pytest.mark.parametrize(
+    ("t_end", "most"),
+    [(20, 2 * FEWEST_SAMPLES), pytest.param(2000, 400, marks=pytest.mark.stories)],
+)
 def test_samples_of_a_long_run_are_rare(t_end, most, monkeypatch):
     """The fast steps of explicit methods pay for few of them: at most one in 500 of many."""
     counted, whole = [], SampledError.sampled
@@ -241,55 +241,54 @@ def test_a_load_that_jumps_within_a_step_is_in_the_error(method):
     assert result.state.x[:, 2].mean() == pytest.approx(exact, rel=0.02)
 
 
-def jumps_of(load, t_end=0.1):
-    cloth = fc.Cloth.rectangle(0.8, 0.4, h=0.2, pattern="right")
-    system = fc.System(cloth, fc.Fabric(0.2, 5.0), [fc.StVK(), load])
-    return Run(system, fc.BDF2(), system.rest(), 0, 4.0, t_end).load_jumps
+ONE = [0.0337]
+MANY = (np.arange(100) + 0.5) * 1e-3
+JUMPS = {
+    "formula": (fc.Pressure("where(t < 0.0337, 0, 5)"), ONE),
+    "function": (fc.Pressure(lambda t: 5.0 * (t >= 0.0337)), ONE),
+    "force": (fc.UserForce(lambda x, v, t: np.full_like(x, t >= 0.0337)), ONE),
+    "many": (fc.Pressure("sign(cos(1000*pi*t))"), MANY),
+}
+
+
+@pytest.mark.parametrize(("load", "expected"), JUMPS.values(), ids=JUMPS)
+def test_jumps_of_a_load_are_known_before_the_run(load, expected):
+    system = fc.System(bar()[0].cloth, fc.Fabric(0.2, 5.0), [fc.StVK(), load])
+    jumps = Run(system, fc.BDF2(), system.rest(), 0, 4.0, 0.1).load_jumps
+    assert jumps == pytest.approx(expected, rel=1e-9 if expected is ONE else 1e-6)
+
+
+def sampled(**values):
+    """The error of a run at its begin, with these values."""
+    system, _ = bar()
+    run = Run(system, fc.BDF2(), system.rest(), 0, 4.0, 1.0)
+    return replace(SampledError.begin(run), **values)
+
+
+def words_of(most, jump=math.inf):
+    return describe_time_error(most, sampled(kicked=jump), fc.BDF2(), 0.01)
 
 
 @pytest.mark.parametrize(
-    "load",
-    [fc.Pressure("where(t < 0.0337, 0, 5)"), fc.Pressure(lambda t: 5.0 * (t >= 0.0337))]
-    + [fc.UserForce(lambda x, v, t: np.full_like(x, t >= 0.0337))],
-    ids=["formula", "function", "force"],
+    ("most", "jump", "end"),
+    [
+        (math.nan, math.inf, "no estimate"),
+        (0.0104, math.inf, "(at most 1 %)"),
+        (0.0104, 0.3, "(at most 1 %)"),
+        (0.04, math.inf, "; dt = 0.005 s would give at most 1 %"),  # by the order
+        (0.04, 0.3, "; dt = 0.0025 s would give at most 1 %"),  # a jump of a load makes it 1
+    ],
 )
-def test_a_jump_of_a_load_is_found_before_the_run(load):
-    assert jumps_of(load) == pytest.approx([0.0337], rel=1e-9)
-
-
-def test_many_jumps_of_a_load_are_found():
-    result = jumps_of(fc.Pressure("sign(cos(1000*pi*t))"))
-    assert result == pytest.approx((np.arange(100) + 0.5) * 1e-3, rel=1e-6)
-
-
-def words_of(most, dt=0.01, jump=math.inf):
-    system, _ = bar()
-    run = Run(system, fc.BDF2(), system.rest(), 0, 4.0, 1.0)
-    estimate = replace(SampledError.begin(run), kicked=jump)
-    return describe_time_error(most, estimate, fc.BDF2(), dt)
-
-
-def test_no_step_is_proposed_without_an_estimate():
-    assert words_of(math.nan) == "error in time: no estimate"
-
-
-@pytest.mark.parametrize("jump", [math.inf, 0.3])
-def test_no_step_is_proposed_where_the_error_rounds_to_at_most_1_percent(jump):
-    assert "would give" not in words_of(0.0104, jump=jump)
+def test_a_step_is_proposed_where_the_error_rounds_to_more_than_1_percent(most, jump, end):
+    assert words_of(most, jump=jump).endswith(end)
     assert "would give" in words_of(0.0106, jump=jump)
-
-
-def test_the_proposed_step_follows_the_order_and_a_jump_of_a_load_makes_it_1():
-    assert words_of(0.04).endswith("; dt = 0.005 s would give at most 1 %")
-    assert words_of(0.04, jump=0.3).endswith("; dt = 0.0025 s would give at most 1 %")
 
 
 def test_what_is_stated_is_at_most_1():
     """Errors that have grown beyond the motion say only that nothing is known."""
     system, _ = bar()
-    run = Run(system, fc.BDF2(), system.rest(), 0, 4.0, 1.0)
-    sampled = replace(SampledError.begin(run), whole=1e30, deforming=1e30)
-    error = TimeError(system.rest().x, (0.0, 0), sampled, moved=0.1, deformed=0.1)
+    grown = sampled(whole=1e30, deforming=1e30)
+    error = TimeError(system.rest().x, (0.0, 0), grown, moved=0.1, deformed=0.1)
     assert error.relative_errors(system) == (1.0, 1.0)
     assert "not resolved, or small errors have grown" in words_of(1.0)
 

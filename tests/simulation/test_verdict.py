@@ -38,21 +38,42 @@ def doubt(error, balance=OFF, method=None, eaten=0.0, jump=0.0, terms=()):
     return Verdict().finish(run, End(replace(start, t=0.3), 10), others).doubt
 
 
-def kind_of(*given, **values):
+def kind_of(*given, **values) -> DoubtKind | None:
     """The kind of that doubt, None without one."""
     cause = doubt(*given, **values)
     return cause and cause.kind
 
 
-@pytest.mark.parametrize(("error", "kind"), [(0.08, None), (0.125, DoubtKind.TIME)])
-def test_an_error_in_time_is_a_doubt_from_a_tenth_of_the_motion(error, kind):
-    assert kind_of(error, CLOSED) is kind
+LIE = fc.LinearlyImplicitEuler()  # its steps do not solve their equations
+THRESHOLDS = {  # the kind below and above, and the arguments at a part of the threshold
+    "an error of a tenth of the motion": (None, "TIME", lambda f: (f * 0.1, CLOSED)),
+    "a quarter of it": (None, "TIME", lambda f: (f * 0.025, CLOSED, LIE)),
+    "and an open balance": (None, "MOTION", lambda f: (f * 0.025, OFF, LIE)),
+    "half of the energy that moved": (
+        *(None, "MOTION"),
+        lambda f: (0.001, replace(CLOSED, remainder=-f * 0.5)),
+    ),
+    "dissipation of a fifth": (None, "DAMPING", lambda f: (math.nan, CLOSED, None, f * 0.2)),
+    "a jump by a twentieth of the motion": (
+        *("TIME", "JUMP"),
+        lambda f: (0.2, CLOSED, None, 0.0, f * 0.05 * MOVED),
+    ),
+    "a jump with contact, however far the cloth went": (
+        *(None, "JUMP"),  # an obstacle that jumps throws the cloth, in short steps far
+        lambda f: (0.001, CLOSED, None, 0.0, f * verdict.LEAST_JUMP * CLOTH.extent, [BALL]),
+    ),
+    "energy that the method makes at impacts": (
+        *(None, "GAIN"),
+        lambda f: (0.02, replace(CLOSED, kinetic=2.0, gained=f * 0.1), None, 0.0, 0.0, [BALL]),
+    ),
+    "the same without contact": (None, None, lambda f: (0.02, replace(CLOSED, gained=f), None)),
+}
 
 
-@pytest.mark.parametrize(("error", "kind"), [(0.02, None), (0.0313, DoubtKind.TIME)])
-def test_of_steps_that_do_not_solve_their_equations_a_quarter_is_accepted(error, kind):
-    assert kind_of(error, CLOSED, fc.LinearlyImplicitEuler()) is kind
-    assert kind_of(error, OFF, fc.LinearlyImplicitEuler()) is (kind and DoubtKind.MOTION)
+@pytest.mark.parametrize(("below", "above", "values"), THRESHOLDS.values(), ids=THRESHOLDS)
+def test_a_doubt_of_the_motion_begins_at_its_threshold(below, above, values):
+    assert kind_of(*values(0.8)) is (below and DoubtKind[below])
+    assert kind_of(*values(1.25)) is (above and DoubtKind[above])
 
 
 def test_a_balance_and_dissipation_matter_where_no_error_is_known_to_be_small():
@@ -62,29 +83,6 @@ def test_a_balance_and_dissipation_matter_where_no_error_is_known_to_be_small():
     assert kind_of(0.001, terms=[BALL]) is DoubtKind.MOTION
     assert kind_of(0.001, CLOSED, eaten=0.5, terms=[BALL]) is None
     assert kind_of(0.001, FAR) is DoubtKind.MOTION
-
-
-@pytest.mark.parametrize(("part", "kind"), [(0.8, None), (1.25, DoubtKind.MOTION)])
-def test_a_balance_is_far_off_from_half_of_the_energy_that_moved(part, kind):
-    assert kind_of(0.001, replace(CLOSED, remainder=-0.5 * part)) is kind
-
-
-@pytest.mark.parametrize(("part", "kind"), [(0.8, None), (1.25, DoubtKind.DAMPING)])
-def test_dissipation_is_a_doubt_from_a_fifth_of_the_energy_that_moved(part, kind):
-    assert kind_of(math.nan, CLOSED, eaten=0.2 * part) is kind
-
-
-@pytest.mark.parametrize(("jump", "kind"), [(0.8, DoubtKind.TIME), (1.25, DoubtKind.JUMP)])
-def test_a_jump_is_the_cause_from_a_twentieth_of_the_motion(jump, kind):
-    assert kind_of(0.2, CLOSED, jump=jump * 0.05 * MOVED) is kind
-
-
-@pytest.mark.parametrize(("part", "kind"), [(0.8, None), (1.25, DoubtKind.JUMP)])
-def test_with_contact_a_jump_is_the_cause_however_far_the_cloth_went(part, kind):
-    """An obstacle that jumps throws the cloth, in short steps far."""
-    jump = part * verdict.LEAST_JUMP * CLOTH.extent
-    assert jump < 0.05 * MOVED
-    assert kind_of(0.001, CLOSED, jump=jump, terms=[BALL]) is kind
 
 
 def test_a_jump_matters_only_where_something_is_doubted():
@@ -109,13 +107,6 @@ def test_an_energy_that_is_no_number_is_told_in_words():
     words = doubt(math.nan, replace(OFF, remainder=math.nan)).words
     assert "an energy is not finite" in words
     assert "nan" not in words
-
-
-@pytest.mark.parametrize(("part", "kind"), [(0.8, None), (1.25, DoubtKind.GAIN)])
-def test_energy_that_the_method_makes_at_impacts_is_a_warning(part, kind):
-    balance = replace(CLOSED, kinetic=2.0, gained=part * 0.05 * 2.0)
-    assert kind_of(0.02, balance, terms=[BALL]) is kind
-    assert kind_of(0.02, balance) is None  # without contact it says nothing of impacts
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ def _space(cloth):
     return skfem.Basis(cloth.mesh, skfem.ElementVector(shapes, dim=3), intorder=order)
 
 
-def _fourth_order(moduli):
+def fourth_order(moduli):
     """(2, 2, 2, 2) tensor of (C11, C22, C66, C12, C16, C26)."""
     C11, C22, C66, C12, C16, C26 = moduli
     C = np.zeros((2, 2, 2, 2))
@@ -50,7 +50,7 @@ def dofs(x):
 
 def energy(cloth, moduli, x) -> float:
     """∫ ½ E:ℂ:E dA."""
-    basis, C = _space(cloth), _fourth_order(moduli)
+    basis, C = _space(cloth), fourth_order(moduli)
 
     def density(w):
         E = _strain(grad(w["x"]))
@@ -61,7 +61,7 @@ def energy(cloth, moduli, x) -> float:
 
 def force(cloth, moduli, x) -> np.ndarray:
     """(n, 3), −∫ F S : ∇δx dA."""
-    basis, C = _space(cloth), _fourth_order(moduli)
+    basis, C = _space(cloth), fourth_order(moduli)
 
     def form(v, w):
         F = grad(w["x"])
@@ -72,7 +72,7 @@ def force(cloth, moduli, x) -> np.ndarray:
 
 def stiffness(cloth, moduli, x):
     """(3n, 3n), ∫ (δE : ℂ : ΔE + S : (∇δxᵀ ∇Δx)) dA."""
-    basis, C = _space(cloth), _fourth_order(moduli)
+    basis, C = _space(cloth), fourth_order(moduli)
 
     def form(u, v, w):
         F, dU, dV = grad(w["x"]), grad(u), grad(v)
@@ -86,7 +86,7 @@ def stiffness(cloth, moduli, x):
 
 def viscous_force(cloth, moduli, x, v) -> np.ndarray:
     """(n, 3), −∫ F (τℂ : sym(FᵀḞ)) : ∇δx dA, `moduli` = τℂ."""
-    basis, C = _space(cloth), _fourth_order(moduli)
+    basis, C = _space(cloth), fourth_order(moduli)
 
     def form(test, w):
         F, rate = grad(w["x"]), grad(w["v"])

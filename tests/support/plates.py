@@ -1,6 +1,7 @@
 """Meshes, linear solutions and series for tests of plates."""
 
 import numpy as np
+import pytest
 from scipy.sparse.linalg import spsolve
 
 import fecloth as fc
@@ -28,6 +29,19 @@ def flying(cloth, fabric, membrane):
     x = np.column_stack([X, 0.15 * np.sin(2.5 * X[:, 0] + X[:, 1])])
     v = np.cross([1.0, 3.0, 2.0], x) + np.sin(5 * x[:, ::-1])
     return system, system.state(x, v)
+
+
+def check_slopes(system, state):
+    """The errors of central differences of the only term fall with the square of the step."""
+    (term,), d = system.bound, np.random.default_rng(5).normal(size=state.x.shape)
+    f, J, errors = system.force(state), system.stiffness(state), []
+    for step in (4e-5, 1e-5):
+        plus, minus = (system.state(state.x + s * step * d) for s in (1, -1))
+        work = (term.energy(plus.x, 0.0) - term.energy(minus.x, 0.0)) / (2 * step)
+        change = (system.force(plus) - system.force(minus)) / (2 * step)
+        product = (J @ d.ravel()).reshape(-1, 3)
+        errors.append([work + np.sum(f * d), np.abs(change + product).max()])
+    assert np.abs(np.divide(*errors)) == pytest.approx([16, 16], rel=0.3)
 
 
 def transverse(system):

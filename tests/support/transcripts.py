@@ -1,6 +1,7 @@
-"""What is answered to wrong commands and calls, as `tests/messages/*.txt` have it.
+"""What is answered to wrong commands, calls and set-ups, as `tests/messages/*.txt` have it.
 
-A block is a command, its answer and its status, or a call and its error; an empty line ends it.
+A block is a command, its answer and its status, or a call and its error or the sentences that it
+returns; an empty line ends it.
 Nothing but this command writes the answers anew; read their difference before you commit it:
 
     python tests/support/transcripts.py
@@ -15,12 +16,15 @@ import shutil
 import sys
 import tempfile
 import warnings
+from importlib import import_module
 from pathlib import Path
 
 import fecloth as fc
 from fecloth.cli.main import main
 
 FOLDER = Path(__file__).parents[1] / "messages"
+NAMES = {"set_ups.txt": "support.set_ups"}
+"""The modules with what the calls of a text may name; else `wrong_calls`."""
 
 
 def blocks(name: str) -> list[tuple[str, str]]:
@@ -29,33 +33,44 @@ def blocks(name: str) -> list[tuple[str, str]]:
     return [tuple(block.split("\n", 1)) for block in text.strip().split("\n\n")]
 
 
-def answer(asked: str) -> str:
-    """What a command says on both streams and its exit status, or the words of a call's error.
+def answer(asked: str, text: str) -> str:
+    """What is answered to the command or call of a text, or the words of a call's error.
 
-    A command is given in a folder with the scenes of `FOLDER`.
+    Of a command: what it says on both streams and its exit status. It is given in a folder with the
+    scenes of `FOLDER`.
     """
     if asked.startswith(">>> "):
-        return words(refusal(asked))
+        try:
+            return "\n".join(called(asked, text)) or "no warning"
+        except fc.InputError as error:
+            return words(error)
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         status = main(shlex.split(asked)[2:])  # without "$ fecloth"
     return f"{said.getvalue().replace(os.getcwd(), 'FOLDER')}exit {status}"
 
 
+def called(call: str, text: str) -> list[str]:
+    """What a call ``>>> …`` of a text returns."""
+    return eval(
+        call.removeprefix(">>> "), vars(import_module(NAMES.get(text, "support.wrong_calls")))
+    )
+
+
 def refusal(call: str) -> fc.InputError:
     """The error that a call ``>>> …`` raises."""
-    from support import wrong_calls
-
     try:
-        eval(call.removeprefix(">>> "), vars(wrong_calls))
+        called(call, "calls.txt")
     except fc.InputError as error:
         return error
     raise AssertionError(f"{call} is not refused")
 
 
 def words(error: fc.InputError) -> str:
-    """The message of an error, without addresses in memory and the place of this repository."""
-    return re.sub("0x[0-9a-f]+", "0x…", str(error)).replace(str(FOLDER.parents[1]), "ROOT")
+    """The message of an error, without addresses in memory and the places of files."""
+    text = re.sub("0x[0-9a-f]+", "0x…", str(error)).replace(str(FOLDER.parents[1]), "ROOT")
+    text = text.replace(os.getcwd(), "FOLDER")
+    return re.sub(rf"{tempfile.gettempdir()}/\w+", "FOLDER", text)
 
 
 def copy_scenes() -> list[Path]:
@@ -67,7 +82,7 @@ def write(path: Path) -> None:
     """Write all answers of a text anew."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         copy_scenes()
-        made = [f"{asked}\n{answer(asked)}\n" for asked, _ in blocks(path.name)]
+        made = [f"{asked}\n{answer(asked, path.name)}\n" for asked, _ in blocks(path.name)]
     path.write_text("\n".join(made), encoding="utf-8")
 
 

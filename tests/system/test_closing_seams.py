@@ -4,20 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.tiers import stories_except
+from support.wrong_calls import ISOTROPIC as FABRIC
+from support.wrong_calls import SEAM, halves
 
 import fecloth as fc
-from fecloth.errors import InputError
 from fecloth.simulation.load_steps import LoadSteps
 
-FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
 GAP = 0.05
 
 
-def opened(element: str = "P1", close: float | None = 0.1, terms=(), h=(0.125, 0.1)) -> fc.System:
+def opened(element: str = "P1", close: float = 0.1, terms=()) -> fc.System:
     """Two halves of a strip with 5 cm between them, held at both ends, and a seam."""
-    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=size, element=element) for size in h)
-    cloth = fc.Cloth.join([a, replace(b, X=b.X + (0.5 + GAP, 0.0))], names=["a", "b"])
-    seam = fc.Seam("a.right", "b.left", close=close)
+    cloth = halves(apart=GAP, element=element)
+    seam = replace(SEAM, close=close)
     pins = [fc.Pin("a/left"), fc.Pin("b/right")]
     return fc.System(cloth, FABRIC, [fc.StVK(), *terms], pins=pins, seams=[seam])
 
@@ -29,12 +29,15 @@ def share(s: float) -> float:
 
 @pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
 @pytest.mark.parametrize(
-    ("method", "dt"),
-    [(fc.BackwardEuler(), 1e-3), (fc.BDF2(), 1e-3), (fc.ImplicitMidpoint(), 1e-3)]
-    + [(fc.CentralDifference(), 1e-5)],
-    ids=lambda value: str(value)[:12],
+    "method",
+    stories_except(
+        [fc.BackwardEuler(), fc.BDF2(), fc.ImplicitMidpoint(), fc.CentralDifference()],
+        fc.ImplicitMidpoint(),
+    ),
+    ids=str,
 )
-def test_a_gap_closes_in_time_and_its_work_is_in_the_ledger(method, dt):
+def test_a_gap_closes_in_time_and_its_work_is_in_the_ledger(method):
+    dt = 1e-5 if method.traits.explicit else 1e-3
     system = opened(terms=[fc.StrainRateDamping(time=0.01)])
     gap = "gap:a.right"
     result = fc.run(system, method, system.rest(), dt=dt, t_end=0.12)
@@ -53,12 +56,11 @@ def test_a_gap_closes_in_time_and_its_work_is_in_the_ledger(method, dt):
 def test_the_remainder_of_closing_falls_with_the_step():
     """By the trapezoidal rule the work has an error of order 2."""
     remainders = []
-    for dt in (2e-3, 1e-3, 5e-4):
+    for dt in (2e-3, 1e-3):
         system = opened()
         result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt=dt, t_end=0.1)
         remainders.append(abs(result.energies["remainder"][-1]))
-    orders = np.log2(np.divide(remainders[:-1], remainders[1:]))
-    assert orders.min() > 1.5
+    assert np.log2(remainders[0] / remainders[1]) > 1.5
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
@@ -80,18 +82,6 @@ def test_the_work_of_load_steps_that_close_a_seam_is_stored():
     stored = result.energies["StVK"][-1]
     assert result.energies["work:seams"][-1] == pytest.approx(stored, rel=2e-3)
     assert np.abs(result.energies["remainder"]).max() < 1e-9 * stored
-
-
-def test_an_open_seam_without_a_time_is_refused():
-    with pytest.raises(InputError, match=r"open by 0\.05 m.*close"):
-        fc.equilibrium(opened(close=None), opened().rest())
-    # two triangles of a tube that is not rolled up
-    strip = fc.Cloth.rectangle(1.0, 0.25, h=0.125)
-    system = fc.System(strip, FABRIC, [fc.StVK()], seams=[fc.Seam("left", "right", reverse=True)])
-    angle = 2 * np.pi * strip.X[:, 0]
-    x = np.column_stack([np.cos(angle), np.sin(angle), 2 * np.pi * strip.X[:, 1]]) / (2 * np.pi)
-    with pytest.raises(InputError, match="closed with reverse = false"):
-        fc.run(system, fc.BackwardEuler(), system.state(x), dt=0.1, t_end=0.1)
 
 
 def test_a_continued_run_closes_as_one_run():

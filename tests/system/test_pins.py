@@ -1,8 +1,9 @@
-"""Pins in a run, and their prescribed motion."""
+"""Pins and slides in a run of every method, and their prescribed motion."""
 
 import numpy as np
 import pytest
-from conftest import flat
+from conftest import affine, flat
+from support.linear_term import LinearDamping, LinearMembrane
 from support.tiers import MASSES, in_turn
 
 import fecloth as fc
@@ -15,39 +16,94 @@ pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 ALL = [method() for method in METHODS.values()]
 
 
-def end_of_run(cloth, fabric, pins, method=ALL[0], t=0.0, **options):
-    """State after four steps of 5 ms from `t`, with gravity and a start out of the plane."""
-    system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=pins, **options)
-    start = system.state(flat(cloth) + [0.0, 0.0, 0.7], np.full((len(cloth.X), 3), 0.1), t)
-    return start, fc.run(system, method, start, 5e-3, t + 0.02, solver="direct").state
+T0 = 0.3  # s, where the runs begin
+SLOPED = np.array([1.0, -2.0, 2.0]) / 3
+SLIDES = [
+    {"direction": (0, 1, 0)},
+    {"normal": (1, 0, 0)},
+    {"direction": tuple(SLOPED)},
+    {"normal": tuple(SLOPED)},
+]
 
 
-@pytest.mark.parametrize(("method", "mass"), in_turn(ALL, MASSES), ids=str)
-def test_a_fixed_pin_stays_to_the_last_bit(method, mass, small, isotropic):
-    start, end = end_of_run(small, isotropic, ["left", fc.Pin([3])], method, mass=mass)
-    held = np.union1d(small.nodes("left"), [3])
-    others = np.setdiff1d(np.arange(len(small.X)), held)
-    assert np.array_equal(end.x[held], start.x[held])
-    assert not end.v[held].any()
-    assert abs(end.x - start.x)[others].max(axis=1).min() > 1e-5
+def shake(t):
+    return np.array([0.02 * np.sin(30 * t), 5.0, 0.05 * np.sin(40 * t)])
 
 
-@pytest.mark.parametrize(("method", "mass"), in_turn(ALL, MASSES), ids=str)
-def test_moved_pin_follows_its_motion(method, mass, small, isotropic):
-    """Only the changes of the motion count, from the run's own start time."""
+def speed(t):
+    return np.array([0.6 * np.cos(30 * t), 0.0, 2 * np.cos(40 * t)])
 
-    def motion(t):
-        return np.array([np.sin(9 * t), 5.0, 0.3 * t])
 
-    def velocity(t):
-        return np.array([9 * np.cos(9 * t), 0.0, 0.3])
+@pytest.fixture(scope="module", params=in_turn(ALL, SLIDES, MASSES), ids=str)
+def run(request, small, isotropic):
+    """A linear cloth with damping, of which a part is fixed, one is moved, and two slide."""
+    method, free, mass = request.param
+    right, left = small.nodes("right"), small.nodes("left")
+    pins = [
+        fc.Pin(left[:2], name="fixed"),
+        fc.Pin(right[:2], shake, speed, name="moved"),
+        fc.Slide(left[2:], **free, name="slide"),
+        fc.Slide(right[2:], shake, speed, normal=tuple(SLOPED), name="moved slide"),
+    ]
+    terms = [LinearMembrane(), LinearDamping(0.01), fc.Gravity((2.0, -3.0, -9.81))]
+    system = fc.System(small, isotropic, terms, pins, mass=mass)
+    start = system.state(affine(small, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]]), t=T0)
+    newton = fc.Newton(tolerance=1e-12)
+    result = fc.run(system, method, start, 5e-3, T0 + 0.1, solver="direct", newton=newton)
+    return system, method, start, result
 
-    pins = [fc.Pin("left", motion, velocity)]
-    start, end = end_of_run(small, isotropic, pins, method, t=0.3, mass=mass)
-    held = small.nodes("left")
-    expected = start.x[held] + motion(0.32) - motion(0.3)
-    np.testing.assert_allclose(end.x[held], expected, rtol=0, atol=4e-15)
-    assert np.array_equal(end.v[held], np.tile(velocity(0.32), (len(held), 1)))
+
+def part(run, name):
+    """Its pin, how far its nodes have come, and their velocity."""
+    system, _, start, result = run
+    pin, nodes = system.constraints.groups[name]
+    return pin, (result.state.x - start.x)[nodes], result.state.v[nodes]
+
+
+def test_a_fixed_pin_stays_to_the_last_bit(run):
+    _, way, v = part(run, "fixed")
+    assert not way.any()
+    assert not v.any()
+    free = np.setdiff1d(np.arange(len(run[2].x)), run[0].constraints.nodes)
+    assert abs(run[3].state.x - run[2].x)[free].max(axis=1).min() > 1e-5
+
+
+def test_a_moved_pin_follows_the_changes_of_its_motion(run):
+    """From the run's own start time."""
+    _, way, v = part(run, "moved")
+    expected = np.tile(shake(T0 + 0.1) - shake(T0), (len(way), 1))
+    np.testing.assert_allclose(way, expected, rtol=0, atol=4e-15)
+    assert np.array_equal(v, np.tile(speed(T0 + 0.1), (len(v), 1)))
+
+
+def test_nodes_leave_their_line_or_plane_in_no_method(run):
+    pin, way, v = part(run, "slide")
+    across = np.eye(3) - pin.projector
+    assert abs(way @ across).max() < 1e-15
+    assert abs(v @ across).max() < 1e-15
+    assert np.linalg.norm(way @ pin.projector, axis=1).min() > 1e-4
+    reaction = np.array([run[3].observed[f"reaction:slide.{c}"][-1] for c in "xyz"])
+    assert np.linalg.norm(reaction) > 0.01
+    np.testing.assert_allclose(pin.projector @ reaction, 0.0, atol=1e-14)
+    pin, way, _ = part(run, "moved slide")
+    np.testing.assert_allclose((way - shake(T0 + 0.1) + shake(T0)) @ SLOPED, 0.0, atol=1e-15)
+
+
+def test_the_ledger_closes_on_a_linear_problem(run):
+    """Moved and fixed pins and slides, damping, gravity: nothing is left unexplained."""
+    _, method, _, result = run
+    energies = result.energies
+    damping = energies["dissipated:LinearDamping"]
+    assert abs(energies["pins"]).max() > 1e-3
+    assert damping.max() > 1e-3
+    assert (np.diff(damping) >= 0).all()
+    assert abs(energies["remainder"]).max() < 1e-10 * abs(energies["total"]).max()
+    if isinstance(method, fc.ImplicitMidpoint | fc.EnergyMomentum):
+        assert not energies["numerical"].any()
+    else:
+        assert energies["numerical"][-1] > 1e-4
+    if method.traits.order == 1:
+        assert (np.diff(energies["numerical"]) >= 0).all()
 
 
 def test_velocity_is_a_central_difference_or_the_argument():
@@ -107,7 +163,9 @@ def test_formulas_in_python_are_those_of_scenes(small, isotropic):
     np.testing.assert_allclose(bound.displacement(0.3), shown, rtol=1e-15, atol=0)
     speed = np.column_stack([zero, zero, 0.1 * np.cos(0.3) + 0.4 * Y * 0.3])
     np.testing.assert_allclose(bound.speed(0.3), speed, rtol=1e-15, atol=0)
-    start, end = end_of_run(small, isotropic, [pin])
+    system = fc.System(small, isotropic, [fc.StVK(), fc.Gravity()], [pin])
+    start = system.rest()
+    end = fc.run(system, fc.BDF2(), start, 5e-3, 0.02).state
     change = bound.displacement(0.02) - bound.displacement(0.0)
     np.testing.assert_allclose(end.x[left], start.x[left] + change, rtol=0, atol=1e-15)
     assert np.array_equal(end.v[left], bound.speed(0.02))

@@ -7,7 +7,6 @@ import pytest
 
 import fecloth as fc
 from fecloth import verify
-from fecloth.errors import InputError
 
 FABRIC = fc.Fabric(0.2, 1000.0, poisson_ratio=0.3, bending_rigidity=(1e-2, 2e-2))
 
@@ -104,18 +103,3 @@ def test_seam_bending_passes_the_slope_test(element):
     x += 0.01 * random.standard_normal(x.shape)
     states = [("folded", x, random.standard_normal(x.shape))]
     verify.check_term(seam.bending(cloth), cloth, FABRIC, states=states)
-
-
-def test_plates_that_cannot_go_on_are_refused():
-    _, cut = strips("P1")
-
-    def sewn(*edges):
-        seam = fc.Seam(*edges, stiffness="cloth")
-        return fc.System(cut, FABRIC, [fc.StVK(), fc.PlateBending()], seams=[seam])
-
-    with pytest.raises(InputError, match="on the same side"):
-        sewn("a.left", "b.left")
-    with pytest.raises(InputError, match="parallel"):
-        sewn("a.bottom", lambda X: (X[:, 0] > 0.5) & ((X[:, 1] < 1e-9) | (X[:, 0] > 1 - 1e-9)))
-    with pytest.raises(InputError, match="must be >= 0"):
-        fc.Seam("a.left", "b.left", stiffness="tight")

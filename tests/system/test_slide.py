@@ -1,9 +1,8 @@
-"""Slides: constraint, reaction, the directions left, in every method; prescribed motions."""
+"""Slides: projectors, the directions left, planes of symmetry; prescribed accelerations."""
 
 import numpy as np
 import pytest
 from conftest import flat
-from support.linear_term import LinearDamping, LinearMembrane
 from support.tiers import MASSES, in_turn, stories_except
 
 import fecloth as fc
@@ -66,29 +65,6 @@ def test_each_node_has_its_own_groups_projector(small):
 
 # --- in a run -------------------------------------------------------------------------------------
 
-SLIDES = [
-    {"direction": (0, 1, 0)},
-    {"normal": (1, 0, 0)},
-    {"direction": tuple(SLOPED)},
-    {"normal": tuple(SLOPED)},
-]
-
-
-@pytest.mark.parametrize(("method", "slide", "mass"), in_turn(ALL, SLIDES, MASSES), ids=str)
-def test_nodes_leave_their_line_or_plane_in_no_method(method, slide, mass, small, isotropic):
-    slide = fc.Slide("left", **slide)
-    terms = [fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity((2.0, -3.0, -9.81))]
-    system = fc.System(small, isotropic, terms, [slide], mass=mass)
-    result = fc.run(system, method, system.rest(), 5e-3, 0.05, solver="direct", newton=TIGHT)
-    left, state, rest = small.nodes("left"), result.state, system.rest()
-    across = np.eye(3) - slide.projector
-    assert abs((state.x - rest.x)[left] @ across).max() < 1e-15
-    assert abs(state.v[left] @ across).max() < 1e-15
-    assert np.linalg.norm((state.x - rest.x)[left] @ slide.projector, axis=1).min() > 1e-3
-    reaction = np.array([result.observed[f"reaction:left.{c}"][-1] for c in "xyz"])
-    assert np.linalg.norm(reaction) > 0.01
-    np.testing.assert_allclose(slide.projector @ reaction, 0.0, atol=1e-15)
-
 
 @pytest.mark.parametrize(
     ("method", "mass"),
@@ -114,20 +90,6 @@ def frame_of(normal):
     first = np.cross(normal, [0.0, 0.0, 1.0])
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(normal, first), normal])
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize(("method", "mass"), in_turn(ALL, MASSES), ids=str)
-def test_ledger_closes_with_a_moved_slide(method, mass, isotropic):
-    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
-    shake = fc.Slide("left", lambda t: [0.02 * np.sin(30 * t), 9.0, 0.0], normal=tuple(SLOPED))
-    terms = [LinearMembrane(), LinearDamping(0.01), fc.Gravity()]
-    pins = [shake, fc.Slide("right", direction=(1, 2, 0))]
-    system = fc.System(cloth, isotropic, terms, pins, mass=mass)
-    result = fc.run(system, method, system.rest(), 5e-3, 0.2, solver="direct", newton=TIGHT)
-    energies = result.energies
-    assert abs(energies["pins"]).max() > 1e-3
-    assert abs(energies["remainder"]).max() < 1e-10 * abs(energies["total"]).max()
 
 
 @pytest.mark.parametrize(("method", "mass"), in_turn(ALL, MASSES), ids=str)
@@ -253,12 +215,6 @@ def test_a_guided_end_keeps_its_slope():
     system = fc.System(cloth, fabric, terms, [fc.Pin("left", clamp=True), guide])
     x = fc.equilibrium(system, system.rest()).x
     assert x[cloth.nodes("right"), 2] == pytest.approx(1e-6 / (12 * 0.01), rel=2e-3)
-
-
-def test_where_the_cloth_lies_in_the_plane_there_is_no_symmetry(small):
-    slide = fc.Slide("left", normal=(0, 0, 1), clamp=True)
-    with pytest.raises(fc.InputError, match="where the cloth lies in the plane.*Leave the clamp"):
-        fc.System(small, SHEET, [fc.PlateBending()], [slide])
 
 
 @pytest.mark.parametrize("turned", [False, True])

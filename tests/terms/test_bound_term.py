@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.wrong_calls import Foreign, Least, Stub
 
 import fecloth as fc
 from fecloth.terms.protocol import ALWAYS, BoundTerm, bound, has_own
@@ -12,50 +13,9 @@ from studies.examples.term import BoundWinkler, Winkler
 FABRIC = fc.Fabric(0.2, 1000.0)
 
 
-class Least(BoundTerm):
-    """A bound term with no more than it must have."""
-
-    name = "Least"
-    symmetric = True
-    has_energy = False
-
-    def add_force(self, x, v, t, f):
-        f[:, 2] -= 1.0
-
-    def add_tangent(self, x, v, t, wx, wv, J, definite):
-        pass
-
-
-class Foreign:
-    """An object with the functions of a bound term that does not derive from `BoundTerm`."""
-
-    name = "Foreign"
-    symmetric = True
-    has_energy = dissipative = velocity_dependent = False
-    add_force = Least.add_force
-    add_tangent = Least.add_tangent
-
-
-class Description:
-    """A description of any bound term."""
-
-    def __init__(self, made):
-        self.made = made
-
-    def stencil(self, cloth):
-        return None
-
-    def bind(self, panel, slots):
-        return self.made
-
-
-def bind(made):
-    return bound(Description(made), None, None)
-
-
 def test_the_other_abilities_of_a_term_do_nothing():
     made = Least()
-    term = bind(made)
+    term = bound(Stub(bound=made), None, None)
     assert term is made
     assert type(term) is Least
     x = np.zeros((2, 3))
@@ -69,24 +29,10 @@ def test_the_other_abilities_of_a_term_do_nothing():
 
 
 def test_what_a_term_has_stays():
-    term = bind(BoundWinkler(np.ones(2), np.arange(2)))
+    term = bound(Stub(bound=BoundWinkler(np.ones(2), np.arange(2))), None, None)
     assert has_own(term, "energy")
     assert not term.supplies
     assert term.energy(np.ones((2, 3)), 0.0) == 1.0
-
-
-def test_a_bound_term_of_another_class_is_refused():
-    """The message says the line to write; the object keeps its class."""
-    made = Foreign()
-    with pytest.raises(fc.InputError) as refused:
-        bind(made)
-    assert str(refused.value) == (
-        "System: Description.bind(panel, slots) gives a Foreign: must be an object of a class "
-        "that derives from fecloth.BoundTerm. Write `class Foreign(fc.BoundTerm):`."
-    )
-    assert type(made) is Foreign
-    with pytest.raises(fc.InputError, match=r"gives an int: .* Write `class MyBound\(fc.Bound"):
-        bind(3)
 
 
 @pytest.mark.parametrize("name", ["over_step", "with_history"])
@@ -99,7 +45,7 @@ def test_what_a_term_gives_for_a_step_derives_from_bound_term(name):
             return Record()
 
     setattr(Changing, name, lambda self, argument: Foreign())
-    system = fc.System(fc.Cloth.rectangle(1.0, 1.0, 1.0), FABRIC, [Description(Changing())])
+    system = fc.System(fc.Cloth.rectangle(1.0, 1.0, 1.0), FABRIC, [Stub(bound=Changing())])
     state = system.rest()
     history = system.start_history(state)
     step = StepDifference.between(state.x, 0.1, 0.0)
@@ -107,20 +53,6 @@ def test_what_a_term_gives_for_a_step_derives_from_bound_term(name):
     message = rf"System: Least.{name}\(.*\) gives a Foreign: .* Write `class Foreign\("
     with pytest.raises(fc.InputError, match=message):
         getattr(system, name)(*arguments)
-
-
-def test_a_term_without_what_every_term_has_is_refused():
-    class Nothing(BoundTerm):
-        name = "Nothing"
-
-    with pytest.raises(fc.InputError, match="must have symmetric, has_energy, .*add_force"):
-        bind(Nothing())
-
-    class NoEnergy(Least):
-        has_energy = dissipative = True
-
-    with pytest.raises(fc.InputError, match="gives a NoEnergy: must have energy, power"):
-        bind(NoEnergy())
 
 
 def test_every_name_of_a_bound_term_is_listed_once():
@@ -136,9 +68,3 @@ def test_traits_are_those_of_the_class_or_of_plain_attributes():
         no_space_error = "has none"
 
     assert traits_of(Plain) == TermTraits(elements=("P1", "P2"), space_error="has none")
-
-    class Wrong:
-        traits = "bending"
-
-    with pytest.raises(fc.InputError, match="Wrong.traits = 'bending': must be a TermTraits"):
-        traits_of(Wrong())

@@ -2,41 +2,14 @@
 
 import numpy as np
 import pytest
+from support.every_term import FABRIC, TERMS, terms_on
 
 import fecloth as fc
 from fecloth.compiled.team import SMALLEST_SHARED_LOOP
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.step_difference import StepDifference
 
-FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=(1e-5, 8e-6))
-BOTH = {
-    "StVK": fc.StVK(),
-    "pointwise": fc.StVK(strain="pointwise"),
-    "NeoHookean": fc.NeoHookean(),
-    "TensionField": fc.TensionField(),
-    "MembraneTable": fc.MembraneTable([(1.02, 9.0), (1.1, 80.0)], shear=[(0.1, 5.0), (0.3, 40.0)]),
-    "TensorCondition": fc.TensorCondition(200.0),
-    "PlateBending": fc.PlateBending(),
-    "StrainRateDamping": fc.StrainRateDamping(0.01),
-    "exact": fc.StrainRateDamping(0.01, tangent="exact", rate="velocity"),
-    "plate damping": fc.BendingDamping(0.01, law=fc.PlateBending()),
-    "Pressure": fc.Pressure(3.0, tangent="exact"),
-    "EdgeForce": fc.EdgeForce("boundary", normal=3.0, tangent=1.0, follow=True),
-    "MassDamping": fc.MassDamping(0.3),
-    "Gravity": fc.Gravity(),
-}
-P1 = {
-    "BaraffWitkin": fc.BaraffWitkin(),
-    "HingeBending": fc.HingeBending(),
-    "QuadraticBending": fc.QuadraticBending(),
-    "hinge damping": fc.BendingDamping(0.01),
-    "Springs": fc.Springs(),
-    "biquadratic": fc.Springs(kind="biquadratic"),
-    "Drag": fc.Drag(0.3, 0.1, tangent="exact"),
-    "Wind": fc.Wind(("1 + x*t", "y", "z"), 0.3, 0.1),
-    "Tether": fc.Tether("left", stiffness=3.0, damping=0.1, point=(0.0, 0.0, 1.0)),
-}
-GRID = [("P1", name) for name in BOTH | P1] + [("P2", name) for name in BOTH]
+GRID = [(element, name) for element in ("P1", "P2") for name in terms_on(element)]
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +53,6 @@ def over_steps(bound, start):
 
 @pytest.mark.parametrize(("element", "name"), GRID)
 def test_the_bits_do_not_depend_on_the_threads(cloths, element, name):
-    term = (BOTH | P1)[name]
-    one, three = (evaluate(cloths[element], term, threads) for threads in (1, 3))
+    one, three = (evaluate(cloths[element], TERMS[name], threads) for threads in (1, 3))
     for a, b in zip(one, three, strict=True):
         assert np.array_equal(a, b, equal_nan=True)

@@ -345,7 +345,8 @@ def find_cutting_edges(run: PlannedRun) -> Iterator[Doubt]:
         else:
             what, remedy = "has edges that", "a larger gap, or install ipctk"
         words = (
-            f"{name} {what} may cut up to {1e3 * depth:.2g} mm into triangles, which are "
-            f"large against its gap of {1e3 * term.gap:g} mm"
+            f"{name} {what} may cut up to {1e3 * depth:.2g} mm into triangles, and λ² times as "
+            f"much where they are stretched λ times: they are large against its gap of "
+            f"{1e3 * term.gap:g} mm"
         )
         yield Doubt(DoubtKind.EDGES, words, f"take a smaller h, {remedy}")

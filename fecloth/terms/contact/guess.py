@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -75,8 +76,9 @@ def find_guess(
     First, each node goes towards x until the first obstacle stops it (`_stop_nodes`). Then all
     nodes together go the part of this way on which no triangle meets anything. This second way
     begins where a body that moves has carried the cloth, or else at the begin of the step: both
-    are tried. `hold` puts nodes back where pins hold them. None means that the contacts allow
-    none of these guesses. The result is x itself where no contact limits the way.
+    are tried, and at last both without a way. `hold` puts nodes back where pins hold them. None
+    means that the contacts allow none of these guesses. The result is x itself where no contact
+    limits the way.
     """
     places = _stop_nodes(ways, x)
     part = min(way.free_part(places) for way in ways)
@@ -84,10 +86,11 @@ def find_guess(
         return x
     start = ways[0].start
     carried_places = [way.carried for way in ways if way.contact.supplies]
-    for origin in [*carried_places, start]:
+    origins = [*carried_places, start]
+    for part_of_way, origin in product(dict.fromkeys((part, 0.0)), origins):
         moved = places
-        if part < 1.0:
-            moved = origin + part * (places - origin)
+        if part_of_way < 1.0:
+            moved = origin + part_of_way * (places - origin)
         guess = hold(moved)
         # A single contact has found `part` free from its own origin, and needs no second test if
         # `hold` has changed nothing. Its origin is where its body has carried the cloth, if the

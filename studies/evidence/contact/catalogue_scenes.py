@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 
 import fecloth as fc
+from fecloth.mesh.surface import Surface
 from studies.evidence.contact import catalogue_bodies as bodies
 from studies.evidence.contact.catalogue_bodies import Body, Motion
 
 BENT = [name for name in fc.Fabric.presets() if fc.Fabric.preset(name).bending]
 CLEAR = 4e-3  # least distance at the start [m]
 QUADRATIC = 0.25  # part of the scenes with P2 triangles
+PLACES, TIMES = 15, 200  # on held edges and in a run, at which a body may not be
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -59,9 +61,26 @@ class Sketch:
 
 
 def draw(kind: str, seed: int, number: int) -> Scene:
-    """The scene of a kind with this number, of a seed."""
+    """The scene of a kind with this number, of a seed; drawn again if no cloth can be so."""
     rng = np.random.default_rng((seed, number, *kind.encode()))
-    return finish(KINDS[kind](rng), rng, number)
+    while True:
+        scene = finish(KINDS[kind](rng), rng, number)
+        if not meets_held_edges(scene):
+            return scene
+
+
+def meets_held_edges(scene: Scene) -> bool:
+    """Whether a body enters an edge between two held nodes, which cannot give way."""
+    triangles = Surface.from_cloth(scene.system.cloth).triangles
+    edges = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    ends = scene.start.x[edges[np.isin(edges, scene.system.constraints.nodes).all(axis=1)]]
+    parts = np.linspace(0, 1, PLACES)[:, None, None]
+    places = ((1 - parts) * ends[:, 0] + parts * ends[:, 1]).reshape(-1, 3)
+    bodies_with_depth = [body for body in scene.bodies if body.depth is not None]
+    times = np.linspace(0, scene.t_end, TIMES)
+    return bool(len(places)) and any(
+        body.deep(places, t).max() > 0 for body in bodies_with_depth for t in times
+    )
 
 
 def finish(sketch: Sketch, rng: np.random.Generator, number: int) -> Scene:

@@ -11,7 +11,6 @@ from support.planned import warnings_before
 import fecloth as fc
 from fecloth.linalg.prices import Prices
 from fecloth.simulation.doubts.course import find_slow_factors
-from fecloth.simulation.doubts.terms import find_unused_bending
 
 
 def swinging(h, dt):
@@ -93,48 +92,6 @@ def test_notes_and_mistakes_are_no_warnings_of_a_result():
     assert result.warnings == ()
     assert [str(w.message) for w in caught] == [str(result.doubts[0])]
     assert "warning" not in repr(result)
-
-
-@pytest.mark.parametrize(
-    ("given", "terms", "unused"),
-    [
-        ({}, [], ""),
-        ({"bending_rigidity": 1e-5}, [], "bending_rigidity"),
-        ({"bending_rigidity": 1e-5}, [fc.HingeBending()], ""),
-        ({"bending_rigidity": 1e-5}, [fc.BendingDamping(0.01, law=fc.HingeBending())], ""),
-        (
-            {"bending_rigidity": 1e-5, "bending_poisson_ratio": 0.2, "bias_rigidity": 1e-5},
-            [],
-            "bending_rigidity and bending_poisson_ratio and bias_rigidity",
-        ),
-        ({"bending_rigidity": 1e-5, "bending_hysteresis": 0.0}, [fc.PlateBending()], ""),
-        (
-            {"bending_rigidity": 1e-5, "bending_hysteresis": 1e-4},
-            [fc.PlateBending()],
-            "bending_hysteresis",
-        ),
-        (
-            {"bending_rigidity": 1e-5, "bending_hysteresis": 1e-4},
-            [fc.PlateBending(), fc.BendingFriction(20.0)],
-            "",
-        ),
-        ({"bending_rigidity": 1e-5, "source": "KES-F"}, [], ""),
-    ],
-)
-def test_constants_of_bending_that_no_term_uses_are_one_line(given, terms, unused):
-    cloth = fc.Cloth.rectangle(0.4, 0.2, h=0.1, pattern="right")
-    system = fc.System(cloth, fc.Fabric(0.2, 500.0, **given), [fc.StVK(), *terms], ["left"])
-    doubts = warnings_before(system, 0.01, doubts=[find_unused_bending])
-    assert [words.partition(" of the fabric")[0] for words in doubts] == [unused] * bool(unused)
-
-
-def test_a_term_of_a_user_may_use_any_constant():
-    class Own(fc.StVK):
-        pass
-
-    cloth = fc.Cloth.rectangle(0.4, 0.2, h=0.1, pattern="right")
-    system = fc.System(cloth, fc.Fabric(0.2, 500.0, bending_rigidity=1e-5), [Own()], ["left"])
-    assert warnings_before(system, 0.01, doubts=[find_unused_bending]) == []
 
 
 def test_a_run_whose_factors_would_be_faster_says_so_with_the_factor(monkeypatch):

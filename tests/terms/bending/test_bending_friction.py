@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.plates import PATTERNS, rolled, square
+from support.plates import PATTERNS, check_slopes, rolled, square
 from support.tiers import in_turn, stories_except
 
 import fecloth as fc
@@ -203,28 +203,24 @@ def test_force_and_tangent_are_derivatives_of_the_energy(pattern, element, part)
     bound = system.bound[0]
     record = bound.start_history(rolled(cloth.X, 2.0), 0.0)
     system = system.with_history((record, None))
-    x, d = rolled(cloth.X, 1.0) + noise, np.random.default_rng(5).normal(size=noise.shape)
-    bound, errors = system.bound[0], []
-    system = system.with_bound([bound])
-    f, K = system.force(system.state(x)), system.stiffness(system.state(x))
-    assert np.abs(f).max() > 1e-6
-    for step in (4e-5, 1e-5):
-        plus, minus = (system.state(x + s * step * d) for s in (1, -1))
-        work = (bound.energy(plus.x, 0.0) - bound.energy(minus.x, 0.0)) / (2 * step)
-        change = (system.force(plus) - system.force(minus)) / (2 * step)
-        errors.append([work + np.sum(f * d), np.abs(change + (K @ d.ravel()).reshape(-1, 3)).max()])
-    assert np.abs(np.divide(*errors)) == pytest.approx([16, 16], rel=0.3)
+    system = system.with_bound([system.bound[0]])
+    state = system.state(rolled(cloth.X, 1.0) + noise)
+    assert np.abs(system.force(state)).max() > 1e-6
+    check_slopes(system, state)
 
 
 # --- at rest --------------------------------------------------------------------------------------
 
 
-def cantilever(n, m, pattern="right", element="P1"):
-    """Deflection of a strip that was laid down under its weight, and the closed form's."""
+def cantilever(n, m, share=1.0):
+    """Deflection of a strip that was laid down under its weight, and the closed form's.
+
+    The moment of friction is that `share` of the weight's moment in the middle.
+    """
     L, part = 0.2, 0.02  # part: of a deflection by L
     w = part * 8 * B / L**3
-    M = w * L**2 / 8
-    cloth = fc.Cloth.rectangle(L, 0.25 * L, h=L / n, pattern=pattern, element=element)
+    M = share * w * L**2 / 8
+    cloth = fc.Cloth.rectangle(L, 0.25 * L, h=L / n, pattern="right")
     given = fabric(2 * M, areal_density=w / 9.81, tensile_stiffness=50.0)
     terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(m), fc.Gravity()]
     system = fc.System(cloth, given, terms, [fc.Pin("left", clamp=True)])
@@ -234,9 +230,8 @@ def cantilever(n, m, pattern="right", element="P1"):
     moment = w * (L - X) ** 2 / 2
     slid = np.maximum(moment - M, 0.0) / B
     kappa = np.where(moment > M * (1 + 1 / m), slid, moment / ((1 + m) * B))
-    limit = w / (8 * B) * (L**2 - 2 * M / w) ** 2
-    assert np.trapezoid(slid * (L - X), X) == pytest.approx(limit, rel=1e-6)
-    return tip, np.trapezoid(kappa * (L - X), X), limit, laid
+    exact, limit = (np.trapezoid(each * (L - X), X) for each in (kappa, slid))
+    return tip, exact, limit, laid
 
 
 def test_a_cantilever_that_is_laid_down_has_the_closed_form():
@@ -247,8 +242,13 @@ def test_a_cantilever_that_is_laid_down_has_the_closed_form():
         assert "on the number of load steps, here 20" in laid.reason
     assert errors[1] == pytest.approx(0, abs=0.01)
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.35)
-    stiff = cantilever(16, 1e4)
-    assert stiff[0] / stiff[2] - 1 == pytest.approx(stiff[0] / stiff[1] - 1, abs=1e-3)
+    tip, exact, limit, _ = cantilever(16, 1e4)
+    assert tip / limit == pytest.approx(tip / exact, abs=1e-3)
+
+
+def test_where_the_weight_does_not_overcome_the_friction_there_is_only_its_elastic_part():
+    tip, exact, *_ = cantilever(16, 9.0, share=4.4)
+    assert tip == pytest.approx(exact, rel=0.01)
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
@@ -292,17 +292,6 @@ def test_regions_and_seams_have_the_moments_of_their_fabrics():
 @pytest.mark.parametrize(("pattern", "element"), [("cross", "P1"), ("unstructured", "P2")])
 def test_a_strip_that_is_let_go_rests_at_the_curvature_of_its_friction(pattern, element):
     assert abs(let_go(pattern, 8, element)) < 5e-3
-
-
-def test_where_the_weight_does_not_overcome_the_friction_there_is_only_its_elastic_part():
-    L = 0.2
-    cloth = fc.Cloth.rectangle(L, 0.05, h=L / 16, pattern="right")
-    w = 0.02 * 8 * B / L**3
-    given = fabric(2 * 1.1 * w * L**2 / 2, areal_density=w / 9.81)
-    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(9.0), fc.Gravity()]
-    system = fc.System(cloth, given, terms, [fc.Pin("left", clamp=True)])
-    tip = -fc.equilibrium(system, system.rest()).x[:, 2].min()
-    assert tip == pytest.approx(w * L**4 / (8 * B * 10.0), rel=0.01)
 
 
 @pytest.mark.stories

@@ -2,23 +2,9 @@
 
 import numpy as np
 import pytest
+from support.plates import check_slopes
 
 import fecloth as fc
-from studies.references.elastica import heavy_elastica
-
-
-def check_slopes(system, state):
-    """The errors of central differences fall with the square of the step."""
-    d, term = np.random.default_rng(5).normal(size=state.x.shape), system.bound[0]
-    f, J = system.force(state), system.stiffness(state)
-    errors = []
-    for step in (4e-4, 1e-4):
-        plus, minus = (system.state(state.x + s * step * d) for s in (1, -1))
-        work = (term.energy(plus.x, 0.0) - term.energy(minus.x, 0.0)) / (2 * step)
-        change = (system.force(plus) - system.force(minus)) / (2 * step)
-        product = (J @ d.ravel()).reshape(-1, 3)
-        errors.append([work + np.sum(f * d), np.abs(change + product).max()])
-    assert np.abs(np.divide(*errors)) == pytest.approx([16, 16], rel=0.25)
 
 
 def test_clamp_that_turns_carries_the_strip_along():
@@ -83,33 +69,3 @@ rotate = { point = [0, 0, "10 cm"], axis = [0, 1, 0], angle = "-1.0*t" }
     assert (pin.clamp, pin.rotate.point) == (True, (0.0, 0.0, 0.1))
     assert len(system.panel.clamps.half_edges) == 2
     assert system.energies(system.start)["PlateBending"] < 1e-25
-
-
-@pytest.mark.parametrize(
-    ("pattern", "ratio", "limit"), [("right", 1e6, 5e-3), ("unstructured", 1e5, 4e-3)]
-)
-def test_clamped_strip_hangs_as_the_heavy_elastica(pattern, ratio, limit):
-    L, width, B = 1.0, 0.25, 1.0
-    _, reach, drop = heavy_elastica(10.0)
-    cloth = fc.Cloth.rectangle(L, width, L / 16, pattern)
-    fabric = fc.Fabric(1.0, ratio * B / L**2, bending_rigidity=B)
-    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity((0, 0, -10.0))]
-    system = fc.System(cloth, fabric, terms, pins=[fc.Pin("left", clamp=True)])
-    tip = fc.equilibrium(system, system.rest()).x[cloth.nodes("right")].mean(axis=0)
-    assert abs(-tip[2] / tip[0] / (drop[-1] / reach[-1]) - 1) < limit
-
-
-@pytest.mark.stories
-def test_work_of_a_clamp_that_turns_closes_the_energy_balance():
-    cloth = fc.Cloth.rectangle(0.4, 0.1, 0.05, "right")
-    fabric = fc.Fabric(0.2, 500.0, bending_rigidity=1e-3)
-    turn = fc.Rotation((0, 0, 0), (0, 1, 0), "1 - cos(3*t)")
-    pins = [fc.Pin("left", clamp=True, rotate=turn)]
-    system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending()], pins)
-    ledgers = []
-    for dt in (4e-3, 2e-3):
-        run = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt, 0.4)
-        ledgers.append({name: column[-1] for name, column in run.energies.items()})
-    assert ledgers[1]["pins"] > 0.5 * ledgers[1]["total"] > 0
-    assert abs(ledgers[1]["remainder"]) < 0.01 * ledgers[1]["pins"]
-    assert abs(ledgers[1]["remainder"]) < 0.5 * abs(ledgers[0]["remainder"])

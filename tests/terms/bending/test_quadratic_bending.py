@@ -5,7 +5,7 @@ import pytest
 from conftest import flat
 
 import fecloth as fc
-from fecloth.terms.bending.hinge import hinge_angles, hinge_stiffness
+from fecloth.terms.bending.hinge import hinge_stiffness
 
 PATTERNS = ["unstructured", "right", "cross", "equilateral"]
 FABRIC = fc.Fabric(0.15, (2000.0, 900.0), 0.2, 60.0, bending_rigidity=(4e-5, 1e-5))
@@ -61,15 +61,3 @@ def test_energy_of_a_rigid_fold(fold):
     k = hinge_stiffness(system.panel, "")[0]
     energy = system.energies(system.state(x))["QuadraticBending"]
     assert energy == pytest.approx(2 * k * np.sin(0.5 * fold) ** 2, rel=1e-11)
-
-
-@pytest.mark.parametrize("pattern", PATTERNS)
-def test_meets_hinge_bending_at_small_angles(pattern):
-    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.1, pattern=pattern)
-    x = flat(cloth)
-    x[:, 2] = 1e-4 * np.sin(5 * cloth.X[:, 0] + 3 * cloth.X[:, 1] ** 2)
-    hinge, quadratic = (system_of(cloth, t) for t in (fc.HingeBending(), fc.QuadraticBending()))
-    state = hinge.state(x)
-    assert abs(hinge_angles(cloth, x)).max() > 1e-4
-    expected = hinge.energies(state)["HingeBending"]
-    assert quadratic.energies(state)["QuadraticBending"] == pytest.approx(expected, rel=1e-5)

@@ -15,6 +15,7 @@ from support.tiers import stories_except
 import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.terms.contact import barrier
+from fecloth.terms.contact.inside import cutting_depth
 from fecloth.terms.contact.obstacle import BoundSkeleton
 from fecloth.terms.contact.points import points_of
 
@@ -165,6 +166,30 @@ def test_a_ball_does_not_dip_into_triangles_between_their_nodes():
         places = np.einsum("pa,mai->mpi", parts, state.x[cloth.triangles]).reshape(-1, 3)
         assert ball.shape.distance(places, 0.0).min() > 0
     assert ball.shape.distance(state.x, 0.0).min() > 0.01  # it lies on the insides alone
+
+
+def test_a_stretched_triangle_dips_deeper_by_the_square_of_its_stretch():
+    """A fast ball and P2: deeper than at rest, but not than by the stretch of that triangle."""
+    cloth = fc.Cloth.rectangle(0.2, 0.2, 0.05, element="P2")
+    ball = S.Sphere((0.1, 0.11, -0.018), 0.016, motion=(0, 0, "5*t"))
+    fabric = fc.Fabric(0.2, 300.0, 0.3, bending_rigidity=1e-5)
+    terms = [fc.StVK(), fc.PlateBending(), fc.Obstacle(ball, 1e-3)]
+    system = fc.System(cloth, fabric, terms, ["boundary"])
+    parts = np.array([(i, j, 16 - i - j) for i in range(17) for j in range(17 - i)]) / 16
+    triangles = cloth.cells[:, cloth.kind.parts].reshape(-1, 3)
+
+    def edges(X):
+        corners = X[triangles]
+        return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+
+    deepest = bound = 0.0
+    for state, _ in fc.march(system, fc.BDF2(), system.rest(), 5e-3, 0.012):
+        y = ball.pose(state.t).to_body(np.einsum("pa,mai->mpi", parts, state.x[triangles]))
+        depth = -ball.distance(y.reshape(-1, 3), 0.0).reshape(len(triangles), -1).min(axis=1)
+        stretch = (edges(state.x) / edges(cloth.X)).max(axis=1)
+        deepest, bound = max((deepest, bound), (depth.max(), stretch[depth.argmax()] ** 2))
+    at_rest = cutting_depth(ball, 1e-3, cloth)
+    assert at_rest < deepest < bound * at_rest
 
 
 @pytest.mark.usefixtures("analytic")

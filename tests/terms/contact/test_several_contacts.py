@@ -181,7 +181,7 @@ class Wall:
         return self.free
 
     def allows(self, x, t):
-        return self.allowed
+        return self.allowed(x) if callable(self.allowed) else self.allowed
 
 
 def guess_of(*walls):
@@ -203,6 +203,11 @@ def test_a_contact_alone_is_trusted_with_what_it_has_limited_itself():
     wall = Wall([1.0, 1.0], free=0.5, allowed=False)
     assert guess_of(wall) == [0.5, 0.5]
     assert guess_of(wall, wall) is None
+
+
+def test_where_no_part_of_the_way_is_allowed_the_cloth_may_stay():
+    stays = Wall([1.0, 1.0], free=0.5, allowed=lambda x: not x.any())
+    assert guess_of(stays, stays) == [0.0, 0.0]
 
 
 def test_nodes_that_pins_hold_are_not_moved_by_a_guess():

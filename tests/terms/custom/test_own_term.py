@@ -54,42 +54,6 @@ def test_all_ways_to_write_an_elastic_bed_give_the_same_force(own, cloth, isotro
     assert systems[1].energies(state)["Condition"] == pytest.approx(energy, rel=1e-12)
 
 
-class Stub:
-    """A term that gives what it is told."""
-
-    def __init__(self, stencil=None, bound=None):
-        self.stencil = lambda cloth: stencil
-        self.bind = lambda panel, slots: bound
-
-
-class Half(fc.BoundTerm):
-    """A bound term without the half of what it must have."""
-
-    name = "half"
-    has_energy = dissipative = True
-
-    def add_force(self, x, v, t, f):
-        pass
-
-
-@pytest.mark.parametrize(
-    ("term", "said"),
-    [
-        (Stub([[0, 1]]), r"Stub: stencil\(cloth\) = \[\[0, 1\]\]: must be an array \(m, k\)"),
-        (Stub(np.zeros(3, int)), r"of shape \(3,\) and type int64: must be an array \(m, k\)"),
-        (Stub(np.zeros((3, 1))), r"of shape \(3, 1\) and type float64: must be an array"),
-        (Stub(np.array([[0, 20]])), r"with the nodes 0 … 20: must lie in 0 … 19"),
-        (Stub(np.array([[-1, 2]])), r"with the nodes -1 … 2: must lie in 0 … 19"),
-        (Stub(), r"gives a NoneType: must be an object of a class that derives from"),
-        (Stub(bound=Half()), "must have symmetric, add_tangent, energy, power"),
-    ],
-    ids=lambda value: "" if isinstance(value, Stub) else value[:30],
-)
-def test_system_names_the_missing_members_of_a_term(cloth, isotropic, term, said):
-    with pytest.raises(fc.InputError, match=said):
-        fc.System(cloth, isotropic, [term])
-
-
 @pytest.mark.stories
 def test_a_bed_bounces_at_its_frequency_and_keeps_its_energy(own, cloth, isotropic):
     """√(k/ρ) for a cloth that moves as one piece; the ledger has a column for the term."""

@@ -3,32 +3,13 @@
 import numpy as np
 import pytest
 from conftest import rough
-from support.tiers import MASSES, in_turn
+from support.tiers import MASSES
 
 import fecloth as fc
-from fecloth.integrators import METHODS
 from fecloth.stability.critical_step import rate_bounds
 from fecloth.verify import check_term, observed_order
 
 TIGHT = fc.Newton(tolerance=1e-12)
-
-
-def slowed(method, z, steps):
-    """v after the steps of v̇ = −(z/dt) v from v = 1, each method's formula written out."""
-    trapezoid = (1 - z / 2) / (1 + z / 2)
-    if method is fc.BDF2:  # 3/2 v₁ − 2 v₀ + ½ v₋ = −z v₁
-        v = [1.0, trapezoid]
-        for _ in range(steps - 1):
-            v.append((2 * v[-1] - v[-2] / 2) / (1.5 + z))
-        return v[-1]
-    if method is fc.GeneralizedAlpha:  # ρ∞ = ½: α_m = 0, α_f = 1/3, γ = 5/6; a is dt v̇
-        v, a = 1.0, -z
-        for _ in range(steps):
-            old, a0 = v, a
-            a = -z * (old + a0 / 9) / (1 + 5 / 9 * z)
-            v = old + a0 / 6 + 5 / 6 * a
-        return v
-    return (trapezoid if method().traits.order == 2 else 1 / (1 + z)) ** steps
 
 
 # steps are coarse and meshes small by intent
@@ -153,18 +134,19 @@ def test_mass_damping_is_consistent_on_quadratic_triangles(quadratic, isotropic,
     assert rate <= bound < 6 * rate
 
 
-@pytest.mark.parametrize(("method", "mass"), in_turn([*METHODS.values()], MASSES))
-def test_mass_damping_momentum_factor_of_each_method(method, mass, sheet, isotropic):
-    """e^(−α t): (1 − α dt/2)/(1 + α dt/2) for midpoint, 1/(1 + α dt) for Euler."""
+@pytest.mark.parametrize(
+    ("method", "factor"), [(fc.BackwardEuler(), 1 / 1.06), (fc.ImplicitMidpoint(), 0.97 / 1.03)]
+)
+@pytest.mark.parametrize("mass", MASSES)
+def test_mass_damping_takes_a_part_of_the_momentum_in_each_step(method, factor, mass, sheet):
+    """Of e^(−α t): (1 − α dt/2)/(1 + α dt/2) for midpoint, 1/(1 + α dt) for Euler, α dt = 0.06."""
     rate, dt, v = 3.0, 0.02, np.array([1.0, -2.0, 0.5])
-    system = fc.System(sheet, isotropic, [fc.StVK(), fc.MassDamping(rate)], mass=mass)
+    fabric = fc.Fabric(0.2, 1000.0, 0.3)
+    system = fc.System(sheet, fabric, [fc.StVK(), fc.MassDamping(rate)], mass=mass)
     start = system.state(system.rest().x, np.tile(v, (len(sheet.X), 1)))
-    result = fc.run(system, method(), start, dt, 0.2, solver="direct", newton=TIGHT)
-    left = slowed(method, rate * dt, 10)
-    np.testing.assert_allclose(result.state.v, np.tile(left * v, (len(sheet.X), 1)), rtol=1e-8)
-    assert left == pytest.approx(
-        np.exp(-rate * 0.2), rel=1e-3 if method().traits.order == 2 else 0.03
-    )
+    result = fc.run(system, method, start, dt, 0.2, solver="direct", newton=TIGHT)
+    left = np.tile(factor**10 * v, (len(sheet.X), 1))
+    np.testing.assert_allclose(result.state.v, left, rtol=1e-8)
     lost = result.energies["dissipated:MassDamping"][-1] + result.energies["numerical"][-1]
     kinetic = result.energies["kinetic"]
     assert lost == pytest.approx(kinetic[0] - kinetic[-1], rel=1e-10)
@@ -195,24 +177,6 @@ def test_mass_damping_mode_decays_at_half_the_rate(isotropic):
         errors.append(abs(left - np.exp(-rate * t / 2) * np.cos(damped * t)))
     assert errors[-1] < 0.02
     assert observed_order([2, 1], errors) == pytest.approx(2.0, abs=0.15)
-
-
-def test_strip_pulled_at_its_end(isotropic):
-    """F = Y E λ b with E = (λ² − 1)/2, for ν = 0."""
-    cloth = fc.Cloth.rectangle(1.0, 0.2, h=0.1, pattern="right")
-    fabric = fc.Fabric(0.2, 1000.0, 0.0)
-    stretch = 1.05
-    force = 1000.0 * (stretch**2 - 1) / 2 * stretch * 0.2
-    right = cloth.nodes("right")
-    ends = [  # half as much for the two corners of the end as for the node between them
-        fc.PointForce([int(i)], (force * (0.5 if abs(Y - 0.1) > 0.05 else 1.0) / 2, 0, 0))
-        for i, Y in zip(right, cloth.X[right, 1], strict=True)
-    ]
-    system = fc.System(cloth, fabric, [fc.StVK(), *ends], ["left"])
-    result = fc.run(
-        system, fc.BackwardEuler(), system.rest(), 1e4, 1e4, solver="direct", newton=TIGHT
-    )
-    np.testing.assert_allclose(result.state.x[:, 0], stretch * cloth.X[:, 0], atol=1e-9)
 
 
 def test_user_force_harmonic_well_moves_all_nodes_equally(sheet, isotropic):

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import affine, flat, rough
-from support.tiers import in_turn
+from conftest import rough
 
 import fecloth as fc
 
@@ -11,11 +10,6 @@ TERMS = {
     "published": fc.BaraffWitkin((3e5, 2e5), 4e4, area_exponent=1.0),
     "material": fc.BaraffWitkin(),
     "stretched": fc.BaraffWitkin(rest=(0.9, 1.2)),
-}
-STATES = {
-    "biaxial": [[1.1, 0.0], [0.0, 1.2], [0.0, 0.0]],
-    "simple shear": [[1.0, 0.4], [0.0, 1.0], [0.0, 0.0]],
-    "turned": [[0.0, -1.1], [0.0, 0.2], [1.05, 0.1]],
 }
 
 
@@ -95,36 +89,6 @@ def test_refinement_softens_the_published_one():
         np.testing.assert_allclose(C, np.diag([300.0, 200.0, 40.0]), atol=1e-9 * 300)
 
 
-@pytest.mark.parametrize(("name", "grain"), in_turn(list(STATES), [0.0, 0.6]))
-def test_uniform_states_along_the_grain(name, grain, orthotropic):
-    """Energy, nodal equilibrium and stress of F with the warp at an angle, from the definition."""
-    cloth, F = fc.Cloth.rectangle(1.0, 0.5, h=0.17), np.array(STATES[name])
-    system = fc.System(cloth, orthotropic, [fc.BaraffWitkin()], grain=grain)
-
-    def W(F):
-        wu = F @ [np.cos(grain), np.sin(grain)]
-        wv = F @ [-np.sin(grain), np.cos(grain)]
-        k = np.array([*orthotropic.tensile, orthotropic.shear])
-        C = np.array([np.linalg.norm(wu) - 1, np.linalg.norm(wv) - 1, wu @ wv])
-        return 0.5 * np.sum(k * C**2)
-
-    x = affine(cloth, F, (0.3, -0.2, 0.5))
-    assert system.energies(system.state(x))["BaraffWitkin"] == pytest.approx(0.5 * W(F), rel=1e-12)
-    force = system.force(system.state(x))
-    inner = np.ones(len(cloth.X), bool)
-    inner[cloth.nodes("boundary")] = False
-    assert abs(force[inner]).max() < 1e-12 * 2000
-    # P = F S in the material axes, against the derivative of W
-    out = np.zeros((len(cloth.triangles), 4))
-    system.bound[0].add_stress(x, out)
-    turn = np.array([[np.cos(grain), -np.sin(grain)], [np.sin(grain), np.cos(grain)]])
-    S = turn @ np.array([[out[0, 0], out[0, 2]], [out[0, 2], out[0, 1]]]) @ turn.T
-    s, basis = 1e-6, np.eye(6).reshape(6, 3, 2)
-    P = np.array([(W(F + s * d) - W(F - s * d)) / (2 * s) for d in basis]).reshape(3, 2)
-    np.testing.assert_allclose(F @ S, P, atol=1e-6 * abs(P).max())
-    np.testing.assert_allclose(out[:, 3], W(F), rtol=1e-11)
-
-
 def test_moduli_serve_strain_rate_damping(sheet, orthotropic):
     plain = fc.Fabric(0.2, (2000.0, 900.0), 0.0, 60.0)
     np.testing.assert_allclose(fc.BaraffWitkin().moduli(plain), fc.StVK().moduli(plain))
@@ -141,13 +105,3 @@ def test_published_tangent_keeps_the_part_with_the_second_derivative(sheet, orth
     assert abs(still).max() < 1e-12 * abs(plain.stiffness(plain.state(x))).max()
     run = damped.stiffness(damped.state(x, v)) - plain.stiffness(plain.state(x))
     assert abs(run).max() > 1.0
-
-
-def test_agrees_at_rest_with_stvk_without_poisson(sheet):
-    fabric = fc.Fabric(0.2, (2000.0, 900.0), 0.0, 60.0)
-    one, other = (fc.System(sheet, fabric, [term]) for term in (fc.BaraffWitkin(), fc.StVK()))
-    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
-    state = one.state(flat(sheet) @ turn)
-    K = other.stiffness(state)
-    assert abs(one.stiffness(state) - K).max() < 1e-11 * abs(K).max()
-    np.testing.assert_allclose(fc.BaraffWitkin().moduli(fabric), fc.StVK().moduli(fabric))

@@ -118,6 +118,7 @@ MATCHED = {  # ν at which each is asked to agree with StVK of the same fabric
     "incompressible neo-Hookean": (fc.NeoHookean(), (0.5,)),
     "relaxed StVK in tension": (fc.TensionField(), (-0.3, 0.0, 0.3, 0.5)),
     "deformation tensor": (fc.TensorCondition(Y / 4), (0.0,)),
+    "Baraff and Witkin": (fc.BaraffWitkin(), (0.0,)),
 }
 
 
