@@ -114,8 +114,8 @@ class BDF2(WithMemory):
             both_before = (1 + e, x), (-e, x - last.dx)
             return StepDifference(x, dt, b_dt, both_before, t=state.t)
         by_jump = (0.5 * e, x + jump), (-0.5 * e, x - jump)
-        past = (1 + e, x), (-e, x - last.dx + jump), *by_jump
-        return StepDifference(x, dt, b_dt, past, t=state.t)
+        both_before = (1 + e, x), (-e, x - last.dx + jump)
+        return StepDifference(x, dt, b_dt, (*both_before, *by_jump), t=state.t)
 
     def _open(self, begin: Begin, solver: SolverContext | None) -> Opening:
         """Open a step after the step that left the memory of `begin`; q = v₁ − v₀.
