@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.integrators.impacts import Struck, after_impacts, share_mass, with_forces
+from fecloth.integrators.impacts import Struck, after_impacts, with_forces
 from fecloth.integrators.newmark import Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.integrators.step import UNCOUNTED, Begin, Opening, Step, arrive
@@ -126,7 +126,7 @@ class BDF2(WithMemory):
         """
         system, state, dt, memory, history = begin
         if any(term.needs_end for term in system.bound):
-            share_mass(system)
+            _ = system.factor_of_mass  # which the copies of the system share
             if memory is None:
                 return FirstStep()._open(begin, solver)
         over = system.over_step(self.difference(state, dt, memory), history)
