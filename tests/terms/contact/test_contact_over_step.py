@@ -81,7 +81,7 @@ def test_force_and_tangent_are_derivatives(kind, speed, of_loads, tmp_path, rng)
     along, size = rng.standard_normal(x.shape), 1e-9 if speed > 1e-3 else 1e-10
     end = x + DT * speed * rng.standard_normal(x.shape) * [1, 1, 0.01]
     end = end + carried(system, x, t - DT, t) - x
-    term, still, force = over.bound[-1], np.zeros_like(x), []
+    term, still, force = over.bound[-1].with_exact_tangent(), np.zeros_like(x), []
     for part in (size, -size, 0.0):
         force.append(np.zeros_like(x))
         term.add_force(end + part * along, still, t, force[-1])

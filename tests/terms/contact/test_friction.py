@@ -15,6 +15,7 @@ from support.tiers import stories_except
 import fecloth as fc
 from fecloth.terms.contact.bound_contact import Touched
 from fecloth.terms.contact.pairs import PairPlaces
+from fecloth.terms.sliders import Sliders
 from fecloth.terms.step_difference import StepDifference
 
 # steps are coarse and meshes small by intent
@@ -91,7 +92,7 @@ def test_force_and_tangent_are_derivatives_of_the_energy(name, over, part, rng):
     record = stuck(system, x, t, rng, part)
     if over:
         step = replace(StepDifference.between(x, dt, t), history=record)
-        system = fc.System(cloth, FABRIC, [Over(obstacle, step)])
+        system = fc.System(cloth, FABRIC, [Over(obstacle, step)]).with_exact_tangents()
         t, x = t + dt, system.bound[0].contact.carried(x, t, t + dt)
     else:
         system = system.with_history((record,))
@@ -297,6 +298,24 @@ def test_a_patch_sticks_to_a_mesh_and_to_another_piece(kind, tmp_path):
     assert (states[-1].x - x)[: len(patch.X), 0].max() < 1e-3
 
 
+def test_no_friction_is_above_its_secant_parabola(rng):
+    """φ(e') ≤ φ(e) + φ'·(e' − e) + (e' − e)·H (e' − e)/2, with the energy's own slope."""
+    sliders = Sliders.of_contact(rng.uniform(0.5, 2.0, 200), rng.uniform(0.5, 2.0, 200))
+    e, other = rng.standard_normal((2, 200, 3)) * rng.uniform(0.1, 5.0, (2, 200, 1))
+    way = other - e
+    H = sliders.secant(e)
+    parabola = sliders.energy(e) + np.einsum("mi,mi->m", sliders.moment(e), way)
+    parabola += 0.5 * np.einsum("mi,mij,mj->m", way, H, way)
+    above = parabola - sliders.energy(other)
+    assert above.min() > -1e-12
+    sticks = np.linalg.norm(sliders.moment(e), axis=1) < 0.999 * sliders.moments[:, 0]
+    assert 10 < sticks.sum() < 190
+    np.testing.assert_allclose(H[sticks], sliders.tangent(e)[sticks])
+    touching = sliders.energy(e) - 2 * np.einsum("mi,mi->m", sliders.moment(e), e)
+    touching += 2 * np.einsum("mi,mij,mj->m", e, H, e)
+    np.testing.assert_allclose(touching, sliders.energy(-e))  # the least such H
+
+
 def test_a_stretch_is_handed_on_to_the_pair_of_the_same_material_points():
     """From a triangle to the one beside it; with the other sign where the parts are exchanged."""
     before = PairPlaces(sparse.csr_matrix([[1, -0.5, -0.5, 0, 0], [0, 0, 0, 0, 1.0]]))
@@ -308,3 +327,40 @@ def test_a_stretch_is_handed_on_to_the_pair_of_the_same_material_points():
     e, other = np.array([1.0, 2.0, 0.0]), np.array([0.0, 3.0, 0.0])
     handed = after.hand_on(before, np.array([e, other]))
     np.testing.assert_array_equal(handed, [e, -e, 0 * e, other])
+
+
+def on_a_plane(h, velocity=0.0, mu=0.4, **plate):
+    """A sheet at rest on a plane, with a velocity along x."""
+    cloth = fc.Cloth.rectangle(0.05, 0.05, h, "right")
+    plane = fc.Obstacle(S.Plane((0, 0, 0), UP, **plate), 1e-3, friction=mu, stiffness=1e3)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.Gravity(), plane])
+    x = flat(cloth) + [0, 0, 1e-3 - RESTS]
+    return cloth, system, fc.BDF2(), system.state(x, 0 * x + [velocity, 0, 0])
+
+
+def slides_to_rest(h, speed=0.5, mu=0.4):
+    return on_a_plane(h, speed, mu)
+
+
+def begins_to_slip(h, jerk=80.0, mu=0.4):
+    """The plane accelerates by `jerk` t."""
+    return on_a_plane(h, mu=mu, motion=(f"{jerk!r}*t**3/6", 0, 0))
+
+
+@pytest.mark.parametrize(
+    "problem", stories_except([slides_to_rest, begins_to_slip], slides_to_rest)
+)
+def test_the_derivative_of_a_way_goes_through_stick_and_slip(problem):
+    """v²/(2μg), and j t³/6 until μg/j, with μg from there: by v, j and μ."""
+    g, v, j, mu, t_end = 9.81, 0.5, 80.0, 0.4, 0.15
+    name, exact = "speed", [v / (mu * g), -(v**2) / (2 * mu**2 * g)]
+    if problem is begins_to_slip:
+        name, slips = "jerk", mu * g / j
+        late = t_end - slips
+        exact = [slips**3 / 6 + slips**2 / 2 * late, g * late**2 / 2]
+
+    def way(result):
+        return float(result.state.x[:, 0].mean())
+
+    answer = fc.sensitivity(problem, [name, "mu"], way, h=0.05, dt=2.5e-3, t_end=t_end, check=False)
+    np.testing.assert_allclose(answer.derivative, exact, rtol=0.015)
