@@ -3,7 +3,7 @@
 A quarter of a second of each, by BDF2. The error is the root mean square distance to the run with
 half of dt, over the way.
 
-    python -m studies.contact.everyday [--quick] [--only NAME ...] [--dt 2]
+    python -m studies.contact.everyday [--quick] [--only NAME ...] [--dt 2.5]
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def run_one(scene: str, dt: float, quick: bool) -> dict:
 def main() -> int:
     """Run the scenes, and write the report."""
     only = {"nargs": "+", "choices": tuple(SCENES), "default": [], "metavar": "NAME"}
-    dt = {"type": float, "default": 2.0, "metavar": "MS", "help": "the step [ms] (2)"}
+    dt = {"type": float, "default": 2.5, "metavar": "MS", "help": "the step [ms] (2.5)"}
     options = harness.parse_arguments(__doc__, needs=["ipctk"], only=only, dt=dt)
     names = options.only or (QUICK if options.quick else list(SCENES))
     cases = [{"scene": name, "dt": 1e-3 * options.dt, "quick": options.quick} for name in names]
