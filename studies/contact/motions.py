@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any, NamedTuple
 
@@ -44,7 +45,9 @@ def distance(system: fc.System, x: np.ndarray, y: np.ndarray) -> float:
 
 
 def halved(system: fc.System, start: fc.State, method: Any, dt: float, t_end: float) -> dict:
-    """Run with dt and with half of it: error in per cent of the motion, cost and doubts."""
+    """Run with about dt, and with half of it: error in per cent of the motion, cost and doubts."""
+    between = t_end / LOOKS
+    dt = between / math.ceil(between / dt)  # a short step at a look would be an error of its own
     coarse, fine = (march(system, start, method, step, t_end) for step in (dt, 0.5 * dt))
     size = distance(system, fine.places, start.x[None])
     return {
