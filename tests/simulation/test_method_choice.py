@@ -158,6 +158,16 @@ def test_steps_find_the_time_of_an_impact_to_their_tolerance(rtol):
     assert result.state.x[:, 2].mean() == pytest.approx(height, abs=4 * allowed + 0.2 * gap)
 
 
+def test_the_first_step_with_contact_errs_as_much_as_any_other():
+    """2/9 dt² g is what a second may err, times 0.9 of dt; no flight looks ahead of the barrier."""
+    system = falling_square(0.0)
+    method = fc.Adaptive(fc.BDF2(), rtol=1e-4)
+    start = method.start(system, system.rest(), 1.0)
+    allowed = 1e-4 * 0.2  # R of nine nodes with their lumped mass
+    assert start.dt == pytest.approx(0.9 * np.sqrt(allowed / (2 / 9 * 9.81)))
+    assert method.start(system, system.rest(), 1e-3).dt == pytest.approx(0.9e-3)
+
+
 @pytest.mark.parametrize(
     ("touches", "iterations", "most"),
     [(True, 13, 0.5), (True, 12, 1.0), (True, 3, 2.0), (False, 13, 2.0)],
