@@ -3,7 +3,7 @@
 A quarter of a second of each, with steps that are chosen by their error. The error is the root
 mean square distance to a run with each of these steps halved, over the way.
 
-    python -m studies.contact.everyday [--quick] [--only NAME ...] [--rtol 1e-4]
+    python -m studies.contact.everyday [--quick] [--only NAME ...] [--rtol 1e-3]
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def run_one(scene: str, rtol: float, quick: bool) -> dict:
 def main() -> int:
     """Run the scenes, and write the report."""
     only = {"nargs": "+", "choices": tuple(SCENES), "default": [], "metavar": "NAME"}
-    rtol = {"type": float, "default": 1e-4, "help": "error of a step over the size (1e-4)"}
+    rtol = {"type": float, "default": 1e-3, "help": "error of a step over the size (1e-3)"}
     options = harness.parse_arguments(__doc__, needs=["ipctk"], only=only, rtol=rtol)
     names = options.only or (QUICK if options.quick else list(SCENES))
     cases = [{"scene": name, "rtol": options.rtol, "quick": options.quick} for name in names]
