@@ -105,7 +105,7 @@ def test_a_step_with_too_large_an_error_is_rejected(swing):
     def push(x, v, t):
         return np.full_like(x, 1.0 if t > 0.1 else 0.0)
 
-    pushed = fc.System(system.cloth, system.fabric, [*system.terms, fc.UserForce(push)], ["left"])
+    pushed = system.replace(terms=[*system.terms, fc.UserForce(push)])
     adaptive = fc.Adaptive(fc.ImplicitMidpoint(), 1e-2)
     infos = [info for _, info in fc.march(pushed, adaptive, start, t_end=T_END)]
     rejected = [info for info in infos if info.counts.rejected]
