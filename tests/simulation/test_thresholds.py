@@ -96,6 +96,13 @@ def test_an_explicit_step_grows_by_a_twentieth_at_most(growth, limited, system):
     assert new.dt == pytest.approx(old.dt * (1.05 if limited else growth), rel=1e-6)
 
 
+def test_explicit_steps_are_counted_to_the_next_limit(system):
+    method, memory = stability_limited.StabilityLimited(fc.CentralDifference()), None
+    for number in (1, 2):
+        memory = method.step(system, system.rest(), 1.0, None, memory).memory
+        assert memory.steps == number
+
+
 @pytest.mark.parametrize(("share", "doubted"), [(0.8e-3, False), (1.25e-3, True)])
 @pytest.mark.parametrize("what", ["kinetic", "pins", "work"])
 def test_an_energy_balance_may_be_off_by_a_thousandth_of_what_flew_or_worked(
