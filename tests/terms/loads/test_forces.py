@@ -145,6 +145,7 @@ def test_mass_damping_takes_a_part_of_the_momentum_in_each_step(method, factor, 
     assert lost == pytest.approx(kinetic[0] - kinetic[-1], rel=1e-10)
 
 
+@pytest.mark.stories
 def test_mass_damping_mode_decays_at_half_the_rate(isotropic):
     """A stretched strip's longitudinal mode: envelope e^(−α t/2), frequency √(ω² − α²/4)."""
     cloth = fc.Cloth.rectangle(1.0, 0.1, h=0.1, pattern="right")
@@ -172,6 +173,7 @@ def test_mass_damping_mode_decays_at_half_the_rate(isotropic):
     assert observed_order([2, 1], errors) == pytest.approx(2.0, abs=0.15)
 
 
+@pytest.mark.stories
 def test_user_force_harmonic_well_moves_all_nodes_equally(sheet, isotropic):
     """g = −ω² (x − X) per mass: x − X = u cos ωt for a cloth without strain."""
     omega, u = 5.0, np.array([0.1, -0.2, 0.3])
