@@ -30,7 +30,7 @@ def read(path: str | Path, kind: str = "a TOML file") -> dict[str, Any]:
     if twice := _given_twice(problem, content):
         remedy = remedy or "Leave one of them out."
         raise InputError(twice, "must stand there once", where, remedy)
-    raise InputError(f"not TOML ({problem})", where=where, remedy=remedy)
+    raise InputError(f"not TOML ({problem})", f"must be {kind}", where, remedy)
 
 
 def text(path: Path, kind: str = "a TOML file") -> str:

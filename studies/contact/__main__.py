@@ -25,7 +25,8 @@ COVERED = 0.8  # part of the exact values within value ± U
 
 def refine(known: references.Known, by: str, levels: int) -> dict:
     """A row: the figure on the finest level, its ±, the order, and the exact value."""
-    sizes = {"h": known.h} | ({"dt": known.dt, "t_end": known.t_end} if known.dt else {})
+    h = known.fine or known.h if by == "dt" else known.h
+    sizes = {"h": h} | ({"dt": known.dt, "t_end": known.t_end} if known.dt else {})
     if by == "gap":
         gaps = [4 * known.gap, 2 * known.gap, known.gap]
         swept = study.sweep(known.problem, {"gap": gaps}, known.quantity, **sizes)

@@ -17,7 +17,7 @@ def test_it_lists_the_scenes_with_their_titles(capsys):
     assert following == "next: fecloth demo flag"
 
 
-def test_a_name_runs_that_scene(tmp_path, monkeypatch, capsys):
+def test_a_name_runs_that_scene(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     short = ["--set", "cloth.h=0.5", "--quiet"]
     assert main(["demo", "sag", *short]) == 0
@@ -26,9 +26,6 @@ def test_a_name_runs_that_scene(tmp_path, monkeypatch, capsys):
         "sag",
         "other",
     }
-    capsys.readouterr()
-    assert main(["demo", "sagg"]) == 2
-    assert "scene 'sagg': must be one of" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["flag", "drape"])

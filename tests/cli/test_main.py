@@ -4,7 +4,6 @@ import csv
 import json
 import random
 import re
-import signal
 import subprocess
 import sys
 import time
@@ -14,6 +13,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from support.strips import scene_file
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -39,12 +39,7 @@ sag = { value = 0.0515, relative = 0.1 }
 """
 
 
-@pytest.fixture
-def scene(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "sheet.toml"
-    path.write_text(TEXT)
-    return path
+scene = scene_file(TEXT, "sheet")
 
 
 def rows(path):
@@ -186,23 +181,6 @@ def opens(out):
 
 
 @pytest.mark.stories
-def test_ctrl_c_leaves_a_readable_result_and_reports_it(scene, tmp_path):
-    out = tmp_path / "run"
-    running = long_run(scene, out)
-    running.send_signal(signal.SIGINT)
-    _, error = running.communicate()
-    assert running.returncode == 4
-    assert "interrupted; " in error
-    assert "is readable up to t = " in error
-    assert "Traceback" not in error
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary["status"] == "interrupted"
-    assert opens(out)[-1] == summary["t"]
-    assert len(rows(out / "steps.csv")) == summary["steps"]
-    assert len(rows(out / "energies.csv")) == summary["steps"] + 1
-
-
-@pytest.mark.stories
 def test_a_killed_run_leaves_a_pvd_that_opens(scene, tmp_path):
     out = tmp_path / "run"
     running = long_run(scene, out)
@@ -253,13 +231,6 @@ def test_overwrite_replaces_runs_only(scene, capsys):
     assert main(["run", str(scene), "-o", "mine", "--overwrite"]) == 2
     assert "contains other files than a run's" in capsys.readouterr().err
     assert Path("mine/summary.json").read_text() == "keep"
-
-
-def test_version(capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(["--version"])
-    assert stop.value.code == 0
-    assert f"fecloth {fc.__version__}" in capsys.readouterr().out
 
 
 def test_the_version_needs_no_numerical_package():

@@ -81,12 +81,6 @@ def test_a_drape_on_its_pedestal_is_near_the_clamped_one(tmp_path, monkeypatch):
     ]
 
 
-def test_only_a_drape_has_a_pedestal(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["new", "a", "--test", "tension", "--pedestal"]) == 2
-    assert "--pedestal: needs --test drape" in capsys.readouterr().err
-
-
 @pytest.mark.stories
 def test_the_scene_of_a_specimen_runs(written, capsys):
     changes = [word for change in COARSE[written] for word in ("--set", change)]

@@ -21,6 +21,11 @@ def smoothstep(a, b, t):
     return s * s * (3 - 2 * s)
 
 
+def of_first(function):
+    return lambda a, b: function(a)
+
+
+SMOOTH_OR_STEP = ("sin", "cos", "tan", "tanh", "exp", "abs", "floor")
 OF_NUMPY = {
     "a + b": np.add,
     "a - b": np.subtract,
@@ -29,16 +34,10 @@ OF_NUMPY = {
     "a % b": np.mod,
     "-a": lambda a, b: -a,
     "abs(a)**b": lambda a, b: abs(a) ** b,
-    "sin(a)": lambda a, b: np.sin(a),
-    "cos(a)": lambda a, b: np.cos(a),
-    "tan(a)": lambda a, b: np.tan(a),
-    "tanh(a)": lambda a, b: np.tanh(a),
-    "exp(a)": lambda a, b: np.exp(a),
+    **{f"{name}(a)": of_first(getattr(np, name)) for name in SMOOTH_OR_STEP},
     "log(abs(a))": lambda a, b: np.log(abs(a)),
     "sqrt(abs(a))": lambda a, b: np.sqrt(abs(a)),
-    "abs(a)": lambda a, b: abs(a),
     "sign(a - 1)": lambda a, b: np.sign(a - 1),
-    "floor(a)": lambda a, b: np.floor(a),
     "min(a, b)": np.minimum,
     "max(a, b)": np.maximum,
     "mod(a, b)": np.mod,

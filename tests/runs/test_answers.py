@@ -140,22 +140,15 @@ def test_the_field_of_displacement_has_its_norm_and_the_error_over_the_area(run)
     assert answer.uncertainty == pytest.approx(result.time_error * answer.value, rel=0.2)
 
 
-def test_python_and_scene_have_the_same_answers(run):
-    result = run(SWING)
-    scene = fc.load_scene("my cloth.toml").build()
-    probes = [Probe("tip", "right"), Probe("middle", point=(0.5, 0.1))]
-    same = fc.run(
-        scene.system, fc.ImplicitMidpoint(), scene.system.rest(), 0.005, 0.4, probes=probes
-    )
-    assert same.quantities == result.quantities
+def test_python_answers_what_is_asked_for(run):
+    run(SWING, "time.t_end=0.01")
+    system = fc.load_scene("my cloth.toml").build().system
     asked = [Probe("tip", "right"), "line_force:left", "folds"]
-    short = fc.run(
-        scene.system, fc.ImplicitMidpoint(), scene.system.rest(), 0.005, 0.02, probes=asked
-    )
-    assert list(short.quantities) == ["tip.x", "tip.y", "tip.z", "line_force.left", "folds"]
-    force = [short.observed[f"line_force:left.{axis}"][-1] for axis in "xyz"]
-    assert short.quantities["line_force.left"].value == pytest.approx(math.hypot(*force))
-    assert short.quantities["line_force.left"].unit == "N/m"
+    result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), 0.005, 0.02, probes=asked)
+    assert list(result.quantities) == ["tip.x", "tip.y", "tip.z", "line_force.left", "folds"]
+    force = [result.observed[f"line_force:left.{axis}"][-1] for axis in "xyz"]
+    assert result.quantities["line_force.left"].value == pytest.approx(math.hypot(*force))
+    assert result.quantities["line_force.left"].unit == "N/m"
 
 
 def test_they_are_the_last_lines_of_the_terminal_and_the_first_tiles(run, tmp_path, capsys):

@@ -14,7 +14,8 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from support.rundirs import written
+from support.rundirs import assert_same_files, gone_on, interrupted, written
+from support.strips import scene_file
 from support.tiers import stories_except
 
 import fecloth as fc
@@ -109,12 +110,7 @@ def broken_off(scene, folder, steps, resume, threads):
     pytest.fail("the run has ended ten times before the signal came")
 
 
-@pytest.fixture
-def scene(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "sheet.toml"
-    path.write_text(TEXT + RUNS["midpoint"])
-    return path
+scene = scene_file(TEXT + RUNS["midpoint"], "sheet")
 
 
 # "two threads" has the method and solver of "midpoint", "vtkhdf" has the method of the other
@@ -147,9 +143,8 @@ def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     assert "the last bits" not in (broken / "run.log").read_text()
     made_on = restart.read(restart.files(broken)[0]).made_on
     assert made_on["threads"] == ("2" if threads > 1 else made_on["threads"])
-    expected, result = written(whole), written(broken)
-    assert result.keys() == expected.keys()
-    assert [file for file in expected if result[file] != expected[file]] == []
+    assert_same_files(whole, broken)
+    assert written(broken).keys() == written(whole).keys()
 
 
 @pytest.mark.stories
@@ -211,16 +206,6 @@ def test_no_restart_file_goes_before_the_next_would_survive_a_power_cut(
 # --- what goes on, and what does not --------------------------------------------------------------
 
 
-def interrupted(scene, folder, after, resume=False):
-    """A run that is asked to stop after a step, as by Ctrl-C."""
-
-    def report(info):
-        if info.step == after:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    return run_scene(load_scene(scene), folder, report=report, resume=resume)
-
-
 UNASKED = TEXT + RUNS["StabilityLimited"].replace(", restart_steps = 50", "")
 
 
@@ -232,8 +217,7 @@ def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
     assert outcome.status == "interrupted"
     assert [f.name for f in restart.files(tmp_path / "broken")] == ["restart_000000037.npz"]
     assert main(["run", str(scene), "--resume", str(tmp_path / "broken"), "--quiet"]) == 0
-    whole, broken = written(tmp_path / "whole"), written(tmp_path / "broken")
-    assert {name: whole[name] == broken.get(name) for name in whole} == dict.fromkeys(whole, True)
+    assert_same_files(tmp_path / "whole", tmp_path / "broken")
 
 
 @pytest.mark.stories
@@ -247,8 +231,7 @@ def test_sparse_rows_of_fused_steps_are_the_same_after_any_chain_of_interruption
     for resume, after in enumerate(counted[21:-1:43]):
         assert interrupted(scene, broken, after, resume > 0).status == "interrupted"
     go(scene, broken, resume=True)
-    expected, result = written(tmp_path / "whole"), written(broken)
-    assert [name for name in expected if result[name] != expected[name]] == []
+    assert_same_files(tmp_path / "whole", broken)
     summaries = [json.loads((f / "summary.json").read_text()) for f in (tmp_path / "whole", broken)]
     whole, resumed = ({**summary, "seconds": 0, "peak_memory_MB": 0} for summary in summaries)
     assert resumed == whole
@@ -257,12 +240,7 @@ def test_sparse_rows_of_fused_steps_are_the_same_after_any_chain_of_interruption
 @pytest.mark.stories
 def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
     """With a kept factor the run goes back to the last regular restart."""
-    run_scene(load_scene(scene), tmp_path / "whole")
-    interrupted(scene, tmp_path / "broken", 33)
-    names = [file.name for file in restart.files(tmp_path / "broken")]
-    assert names == ["restart_000000020.npz", "restart_000000000.npz"]
-    go(scene, tmp_path / "broken", resume=True)
-    assert written(tmp_path / "broken") == written(tmp_path / "whole")
+    gone_on(scene, tmp_path, 33)
     summary = json.loads((tmp_path / "broken" / "summary.json").read_text())
     expected = json.loads((tmp_path / "whole" / "summary.json").read_text())
     for key in ("steps", "newton", "linear", "factorisations", "frames", "ledger", "status"):
@@ -271,7 +249,6 @@ def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
 
 @pytest.mark.stories
 def test_resume_without_a_usable_restart_is_refused(scene, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
     scene.write_text(UNASKED)
     resume = ["run", str(scene), "--resume", "out"]
     assert main(resume) == 2
@@ -285,8 +262,9 @@ def test_resume_without_a_usable_restart_is_refused(scene, tmp_path, capsys, mon
 
 def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monkeypatch, capsys):
     """Its solver has kept a factor at step 33, so it goes back to step 20."""
-    monkeypatch.chdir(tmp_path)
     outcome = interrupted(scene, "out", 33)
+    names = [file.name for file in restart.files(Path("out"))]
+    assert names == ["restart_000000020.npz", "restart_000000000.npz"]
     result = restart.find(Path("out"))
     assert outcome.resumes == result.progress.state.t < outcome.summary["t"]
     log = (tmp_path / "out" / "run.log").read_text()
@@ -430,20 +408,43 @@ def test_march_goes_on_from_a_memory_that_was_written(method, dt, isotropic, tmp
         np.testing.assert_array_equal(first[0].v, second[0].v)
 
 
-def test_user_record_must_be_marked_with_remembered():
-    @dataclass(frozen=True)
-    class Unmarked:
-        f: float
+# --- plates, a turning clamp and rest angles of the start -----------------------------------------
 
-    with pytest.raises(fc.InputError, match="a Unmarked: cannot be written .*@remembered"):
-        restart._pack(Unmarked(1.0), [])
+PLATE = """
+cloth = { shape = "rectangle", width = 0.4, height = 0.2, h = 0.1 }
+terms = [
+  { type = "StVK" }, { type = "PlateBending", rest = "start" },
+  { type = "BendingDamping", time = 0.01, law = { type = "PlateBending" } },
+  { type = "Gravity" },
+]
+start = { position = ["X", "Y", "0.2 * X ** 2"] }
+output = { every_steps = 7, restart_steps = 5 }
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 200.0
+bending_rigidity = [2e-3, 1e-3]
+bending_poisson_ratio = 0.2
+[[pins]]
+where = "left"
+clamp = true
+rotate = { point = [0, 0, 0], axis = [0, 1, 0], angle = "2 * t" }
+"""
+TIMES = {
+    "bdf2": 'dt = 0.004\nt_end = 0.12\n[solver]\nlinear = "direct"\n',
+    "energy_momentum": 'dt = 0.004\nt_end = 0.12\n[solver]\nlinear = "direct"\n',
+    "central_difference": "t_end = 0.05\n",
+}
 
 
-def test_a_memory_is_refused_where_it_does_not_fit(isotropic):
-    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
-    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
-    state, info = next(fc.march(system, fc.BackwardEuler(), system.rest(), 0.01, 0.05))
-    with pytest.raises(fc.InputError, match=r"must be > 0.01"):
-        next(fc.march(system, fc.BackwardEuler(), state, 0.01, 0.01, memory=info.memory))
-    with pytest.raises(fc.InputError, match="the method that Auto chose"):
-        next(fc.march(system, fc.Auto(), state, t_end=0.05, memory=info.memory))
+@pytest.mark.stories
+@pytest.mark.parametrize(
+    ("method", "element"),
+    [("bdf2", "P1"), ("energy_momentum", "P2"), ("central_difference", "P2")],
+)
+def test_a_run_of_a_plate_goes_on_bit_for_bit(method, element, scene, tmp_path):
+    mass = 'mass = "lumped"\n' if method == "central_difference" else ""
+    text = PLATE.replace("h = 0.1 ", f'h = 0.1, element = "{element}" ')
+    scene.write_text(f'{mass}{text}[time]\nmethod = "{method}"\n{TIMES[method]}')
+    whole = gone_on(scene, tmp_path, 17)
+    start = load_scene(scene).build().start
+    assert np.abs(whole.state.x - start.x)[:, 2].max() > 0.005  # it has moved

@@ -39,7 +39,7 @@ def test_it_has_the_arrays_of_run_bit_for_bit(tmp_path):
         for key, values in theirs.items():
             np.testing.assert_array_equal(ours[key], values)
     assert {field.name for field in fields(fc.Result)} <= vars(result).keys()
-    for name in ("newton", "linear", "shape", "time_error"):
+    for name in ("newton", "linear", "shape", "time_error", "quantities"):
         assert getattr(result, name) == getattr(same, name)
     assert "done after 10 steps at t = 0.1 s" in repr(result)
 

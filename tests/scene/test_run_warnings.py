@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.planned import warnings_before
+from support.strips import scene_file
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -29,11 +30,7 @@ bending_rigidity = 1e-4
 """
 
 
-@pytest.fixture
-def scene(tmp_path):
-    path = tmp_path / "sheet.toml"
-    path.write_text(TEXT)
-    return path
+scene = scene_file(TEXT, "sheet")
 
 
 def warnings_of(scene, *overrides):

@@ -1,14 +1,10 @@
 """[[seams]] in scenes: the same as in Python, with restart, errors by key, and sensitivities."""
 
-import os
-import signal
-
 import numpy as np
 import pytest
-from support.rundirs import written
+from support.rundirs import gone_on
 
 import fecloth as fc
-from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
 
 TEXT = """
@@ -58,25 +54,12 @@ def test_a_scene_has_the_seams_of_python(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
-def test_a_broken_off_run_goes_on_bit_for_bit(tmp_path, monkeypatch):
+def test_a_broken_off_run_goes_on_bit_for_bit(tmp_path):
     """It is broken off while the seams close; the start of the run is not known after it."""
-    monkeypatch.chdir(tmp_path)
-    scene = scene_file(tmp_path)
-
-    def stop(info):
-        if info.step == 8:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    whole = run_scene(load_scene(scene), tmp_path / "whole")
-    run_scene(load_scene(scene), tmp_path / "parts", report=stop)
-    assert run_scene(load_scene(scene), tmp_path / "parts", resume=True).status == "done"
-    whole_files, files = written(tmp_path / "whole"), written(tmp_path / "parts")
-    same = {name: whole_files[name] == files.get(name) for name in whole_files}
-    assert same == dict.fromkeys(whole_files, True)
-    gap = np.genfromtxt(tmp_path / "whole" / "observed.csv", delimiter=",", names=True)
-    column = next(name for name in gap.dtype.names if name.startswith("gap"))
-    assert gap[column][0] == pytest.approx(np.hypot(0.02, 0.02), rel=0.1)
-    assert gap[column][-1] == 0.0
+    whole = gone_on(scene_file(tmp_path), tmp_path, 8)
+    (gap, *_) = (values for name, values in whole.observed.items() if name.startswith("gap"))
+    assert gap[0] == pytest.approx(np.hypot(0.02, 0.02), rel=0.1)
+    assert gap[-1] == 0.0
     assert whole.state.t == pytest.approx(0.08)
 
 

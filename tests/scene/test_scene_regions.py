@@ -1,69 +1,29 @@
 """Scenes whose fabric lies at a grain angle or differs by region."""
 
 import math
+import re
 
 import numpy as np
 import pytest
+from support.wrong_calls import TWO
 
 import fecloth as fc
 from fecloth.scene.scene import load_scene
 
-GEO = """
-Point(1) = {0, 0, 0, 0.2}; Point(2) = {0.6, 0, 0, 0.2}; Point(3) = {1, 0, 0, 0.2};
-Point(4) = {1, 0.5, 0, 0.2}; Point(5) = {0.6, 0.5, 0, 0.2}; Point(6) = {0, 0.5, 0, 0.2};
-Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 5}; Line(5) = {5, 6};
-Line(6) = {6, 1}; Line(7) = {2, 5};
-Curve Loop(1) = {1, 7, 5, 6}; Plane Surface(1) = {1};
-Curve Loop(2) = {2, 3, 4, -7}; Plane Surface(2) = {2};
-Physical Surface("body") = {1};
-Physical Surface("hem") = {2};
-Physical Curve("left") = {6};
-"""
 BODY = fc.Fabric(0.15, (2000.0, 900.0), 0.2, shear_stiffness=60.0)
 HEM = fc.Fabric(0.4, 500.0, 0.3)
-REGIONS = """
-[fabrics.body]
-areal_density = 0.15
-tensile_stiffness = [2000, 900.0]
-poisson_ratio = 0.2
-shear_stiffness = 60
-[fabrics.hem]
-areal_density = 0.4
-tensile_stiffness = 500
-poisson_ratio = 0.3
-"""
-ONE = "\n[fabric]\nareal_density = 0.4\ntensile_stiffness = 500\n"
-
-
-def text(fabric=REGIONS, grain=""):
-    return f"""{grain}
-[cloth]
-shape = "file"
-path = "two.geo"
-{fabric}
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "StrainRateDamping"
-time = 0.01
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = "backward_euler"
-dt = 0.01
-t_end = 0.02
-"""
+SCENE = TWO["scene.toml"]
+HEAD, REGIONS, REST = re.split(r"(?s)(\[fabrics\.body\].*?)(?=\[\[terms)", SCENE, maxsplit=1)
+ONE = "[fabric]\nareal_density = 0.4\ntensile_stiffness = 500\n"
 
 
 @pytest.fixture
 def file(tmp_path):
-    (tmp_path / "two.geo").write_text(GEO)
+    (tmp_path / "two.geo").write_text(TWO["two.geo"])
 
-    def write(**parts):
+    def write(fabric=REGIONS, grain=""):
         path = tmp_path / "scene.toml"
-        path.write_text(text(**parts))
+        path.write_text(f"{grain}\n{HEAD}{fabric}{REST}")
         return path
 
     return write
@@ -103,34 +63,3 @@ def test_round_trip(line, fabric, file, tmp_path):
     path.write_text(scene.to_toml())
     assert load_scene(path) == scene
     assert load_scene(path).to_toml() == scene.to_toml()
-
-
-@pytest.mark.parametrize(
-    ("parts", "override", "said"),
-    [
-        ({"fabric": REGIONS + ONE}, None, "fabric and fabrics are given: give exactly one of"),
-        ({"fabric": ""}, None, "fabric is missing: give exactly one of fabric, fabrics"),
-        ({"fabric": "[fabrics]"}, None, "fabrics = {}: must name a region"),
-        ({}, "fabrics.body.density=1", "fabrics.body.density = 1: unknown key"),
-        ({}, "fabrics.body.areal_density=-1", "fabrics.body.areal_density = -1.0: must be"),
-        ({}, "fabrics.hem=3", "fabrics.hem = 3: must be a table"),
-        ({}, "fabrics=3", "fabrics = 3: must be a table"),
-        ({}, "fabrics.cuff={areal_density=1,tensile_stiffness=1}", "fabrics: region 'cuff': must"),
-        ({"fabric": REGIONS.split("[fabrics.hem]")[0]}, None, "is in 0 of the regions body"),
-        ({}, "grain_degrees='45'", "grain_degrees = '45': must be a finite number or a table of"),
-        ({}, "grain_degrees=inf", "grain_degrees = inf: must be a finite number"),
-        ({}, "grain_degrees.hem='x'", "grain_degrees"),
-        ({}, "grain_degrees={hem=3}", "grain_degrees: triangle"),
-        ({}, "grain_degrees={hem=3,bdy=1}", "grain_degrees: region 'bdy': must be one of body"),
-    ],
-)
-def test_mistakes(parts, override, said, file):
-    path = file(**parts)
-    overrides = [override] if override else []
-    with pytest.raises(fc.SceneError) as caught:
-        load_scene(path, overrides).build()
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert said in message
-    assert "pydantic" not in message
-    assert "Input should" not in message

@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.scene_texts import STRING
+from support.strips import grip_force as force
+from support.strips import gripped
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -46,13 +48,10 @@ correlation = [["areal_density", "tensile_stiffness", {}]]
 
 
 def pulled(h, stiffness=1000.0, drawn=0.02, factors=(1.0, 0.0), least=0.0):
-    """A strip between two grips; FORCE is Y W s (s² − 1)/2 with the stretch s = 1 + drawn."""
+    """A strip between two grips that is refused on some meshes, or with another stiffness."""
     if h < least or (least and stiffness != 1000.0):
         raise InputError("a number", "is refused")
-    cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
-    fabric = fc.Fabric(0.2, stiffness * sum(factors), 0.0)
-    system = fc.System(cloth, fabric, [fc.StVK()], ["left", "right"])
-    return cloth, system, None, system.state(system.rest().x * [1.0 + drawn, 1.0, 1.0])
+    return gripped(h, stiffness * sum(factors), drawn=drawn)
 
 
 def column(h, drawn=0.0):
@@ -70,11 +69,6 @@ def thrown(h, dt):
     cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
     system = fc.System(cloth, fc.Fabric(0.2, 1.0), [fc.Gravity()])
     return cloth, system, fc.Newmark(), system.rest()
-
-
-def force(stiffness=1000.0, drawn=0.02):
-    s = 1 + drawn
-    return 0.5 * stiffness * s * (s**2 - 1) / 2
 
 
 def parts_of_force(by_stiffness, by_drawn):
@@ -147,12 +141,24 @@ def test_time_space_and_solver_are_halves_of_what_converge_says(tmp_path):
     )
 
 
-def test_the_share_of_a_gap_belongs_to_the_mesh(monkeypatch):
+@pytest.fixture
+def refined(monkeypatch):
+    """Budgets whose levels are summarised with these changes of a limit."""
+    known = fc.study.converge(pulled, FORCE, levels=3, h=0.5)
+
+    def refined(**changes):
+        result = replace(known, **changes)
+        monkeypatch.setattr(budgets, "summarise", lambda *given: result)
+        return result
+
+    refined.estimate = known.estimate
+    return refined
+
+
+def test_the_share_of_a_gap_belongs_to_the_mesh(refined):
     shares = {"mesh": 9.0, "gap": 4.0 / 3.0, "time step": 0.2, "solver": 0.04}
-    result = fc.study.converge(pulled, FORCE, levels=3, h=0.5)
-    estimate = replace(result.estimate, uncertainty=3.0)
-    result = replace(result, value=7.0, uncertainty=1.0, estimate=estimate, shares=shares)
-    monkeypatch.setattr(budgets, "summarise", lambda *given: result)
+    estimate = replace(refined.estimate, uncertainty=3.0)
+    refined(value=7.0, uncertainty=1.0, estimate=estimate, shares=shares)
     answer = fc.budget(pulled, quantity=FORCE, h=0.5)
     assert answer.start == 0.0
     assert (answer.value, answer.space) == (7.0, 2.5)
@@ -160,21 +166,20 @@ def test_the_share_of_a_gap_belongs_to_the_mesh(monkeypatch):
 
 
 @pytest.mark.parametrize(("measured", "agrees"), [(8.5, True), (8.7, False)])
-def test_the_distance_of_states_is_a_part_of_the_total(measured, agrees, monkeypatch):
-    result = fc.study.converge(pulled, FORCE, levels=3, h=0.5)
-    several = ((7.0, 4.0), (6.2, 5.0))
-    result = replace(
-        result, value=7.0, uncertainty=0.8, verdict="several states: …", states=several
-    )
-    monkeypatch.setattr(budgets, "summarise", lambda *given: result)
-    answer = fc.budget(pulled, None, {FORCE: (measured, 1e-3)}, FORCE, h=0.5)
+def test_the_distance_of_states_is_a_part_of_the_total(measured, agrees, refined):
+    several = {"value": 7.0, "uncertainty": 0.8, "states": ((7.0, 4.0), (6.2, 5.0))}
+    refined(verdict="several states: …", **several)
+    asked = pulled, None, {FORCE: (measured, 1e-3)}, FORCE
+    answer = fc.budget(*asked, h=0.5)
     assert answer.start == pytest.approx(0.8)
     assert answer.total == pytest.approx(0.8, rel=1e-3)
     assert answer.agrees == agrees
     assert any("several states" in words for words in answer.notes())
-    unknown = replace(result, may_have_other_states=True, states=several[:1])
-    monkeypatch.setattr(budgets, "summarise", lambda *given: unknown)
-    answer = fc.budget(pulled, None, {FORCE: (measured, 1e-3)}, FORCE, h=0.5)
+
+
+def test_states_that_are_not_known_leave_no_total(refined):
+    refined(value=7.0, may_have_other_states=True, states=((7.0, 4.0),))
+    answer = fc.budget(pulled, None, {FORCE: (8.7, 1e-3)}, FORCE, h=0.5)
     assert math.isnan(answer.total)
     assert "wrong" not in answer.verdict
 
@@ -272,10 +277,7 @@ def test_samples_have_mean_deviation_and_correlation():
     assert np.corrcoef(drawn.T) == pytest.approx(rho, abs=0.02)
     assert drawn[:, :2].min() > 0
     assert drawn[:, 2].min() < 0
-    again = np.array([list(each.values()) for each in inputs.samples(4096, 0)])
-    assert np.array_equal(drawn, again)
-    assert len(inputs.samples(5, 1)) == 5
-    assert inputs.samples(5, 1) != inputs.samples(5, 2)
+    assert inputs.samples(5, 1) == inputs.samples(5, 1) != inputs.samples(5, 2)
 
 
 def test_samples_of_full_correlation():
@@ -454,8 +456,6 @@ def test_without_interest_the_measured_quantities_count(tmp_path):
     answer = fc.budget(scene_at(tmp_path, base=base), measured={"tip.x": (1.0, "1 %")})
     assert answer.quantities == ("tip.x",)
     assert answer.data[0] == 0.01
-    with pytest.raises(InputError, match="quantity tip: must be a number. Take a component"):
-        fc.budget(scene_at(tmp_path, base=base))
 
 
 def test_what_was_measured_of_other_quantities_waits(tmp_path):

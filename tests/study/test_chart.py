@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.rundirs import rows_of
 from support.scene_texts import STRING
+from support.strips import scene_file
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -25,11 +26,7 @@ SCENE = '\ntitle = "a string"' + STRING.replace("h = 0.125", "h = 0.25").replace
 )
 
 
-@pytest.fixture
-def scene(tmp_path):
-    file = tmp_path / "string.toml"
-    file.write_text(SCENE)
-    return file
+scene = scene_file(SCENE, "string")
 
 
 def exact_middle(t):

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from support.rundirs import rows_of
 from support.scene_texts import STRIP
+from support.strips import TIP, scene_file
+from support.strips import strip as hung
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -42,11 +44,7 @@ def stretched(h, model):
     return cloth, system, None, system.state(system.rest().x * [1 + 1e-5, 1, 1])
 
 
-@pytest.fixture
-def scene(tmp_path):
-    file = tmp_path / "strip.toml"
-    file.write_text(SCENE)
-    return file
+scene = scene_file(SCENE, "strip")
 
 
 def change(scene, *pairs, name="other.toml"):
@@ -61,7 +59,7 @@ def change(scene, *pairs, name="other.toml"):
 
 def test_equal_laws_cannot_be_told_apart_and_softer_ones_differ_as_they_should():
     variants = {"k": [0, Y / 4, Y / 5]}
-    result = fc.study.compare(strip, variants, "tip.x", h=0.25, probes=[fc.Probe("tip", "right")])
+    result = fc.study.compare(strip, variants, "tip.x", h=0.25, probes=TIP)
     same, softer = (result.differences[name] for name in ("k = 5.0", "k = 4.0"))
     assert abs(same.limit) < 1e-6
     tips = [1 + hanging_strip_tip(1.0, stiffness, 0.2) for stiffness in (0.8 * Y, Y)]
@@ -76,17 +74,10 @@ def test_equal_laws_cannot_be_told_apart_and_softer_ones_differ_as_they_should()
     assert softer.as_given == pytest.approx(100 * (given[2] - given[0]) / whole, rel=1e-12)
 
 
-def with_poisson_ratio(h, nu):
-    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-    terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    system = fc.System(cloth, fc.Fabric(0.2, Y, nu), terms, pins=["left"])
-    return cloth, system, None, system.rest()
-
-
 def test_a_difference_is_refined_by_itself():
     """Most of the error of both variants is the same; a fine mesh gives -0.0149 %."""
-    run = {"h": 0.125, "levels": 4, "probes": [fc.Probe("tip", "right")]}
-    result = fc.study.compare(with_poisson_ratio, {"nu": [0.2, 0.3]}, "tip.x", **run)
+    run = {"h": 0.125, "levels": 4, "probes": TIP}
+    result = fc.study.compare(hung, {"nu": [0.2, 0.3]}, "tip.x", **run)
     (difference,) = result.differences.values()
     added = 100 * sum(each.uncertainty / each.value for each in result.studies.values())
     assert abs(difference.limit + 0.01492) <= difference.uncertainty < 0.6 * added

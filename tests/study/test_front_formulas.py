@@ -1,11 +1,13 @@
 """The formulas and thresholds of fronts and of `tune`, on plain numbers without runs."""
 
+import itertools
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
+from support.plain_bench import PlainBench, PlainLimit
+from support.strips import TIP, moving_strip
 
 import fecloth as fc
 from fecloth.errors import InputError
@@ -26,72 +28,13 @@ LINE = Line("bdf2")
 OTHER = Line("implicit_midpoint")
 
 
-# --- a bench whose rows are plain numbers ---------------------------------------------------------
-
-
-@dataclass(eq=False)
-class PlainBench:
-    """The value of a setting is 1 + a h² + b dt², and its seconds are given, or h⁻² dt⁻¹."""
-
-    a: float = 1.0
-    b: float = 1.0
-    speed: dict = field(default_factory=dict)
-    seconds: float = 1e9
-    spent: float = 0.0
-    left: float = 1e9
-    worth: object = None
-    quantities: tuple = ("x",)
-    rows: dict = field(default_factory=dict)
-    asked: list = field(default_factory=list)
-    orders: tuple = (2.0, 2.0)
-    has_h: bool = True
-    has_dt: bool = True
-
-    def with_sharper_solver(self):
-        return self
-
-    @property
-    def settings(self):
-        where = SimpleNamespace(where="plain")
-        return SimpleNamespace(
-            varies=lambda line: (self.has_h, self.has_dt),
-            can_be_finer=lambda setting: (self.has_h, self.has_dt),
-            problem=where,
-        )
-
-    def run(self, setting, most=math.inf):
-        self.asked.append((setting, most))
-        took = self.took(setting)
-        if took > most:
-            return {"status": "time limit", "cause": "late"}
-        problem = SimpleNamespace(orders=lambda quantity: self.orders, dt=0.1)
-        row = {"status": "ok", "value": self.value(setting), "problem": problem}
-        self.rows[setting] = row
-        self.spent += took
-        return row
-
-    def value(self, setting):
-        if self.worth is not None:
-            return self.worth(setting)
-        return 1.0 + self.a * 2.0**-setting.i + self.b * 4.0**-setting.j
-
-    def took(self, setting):
-        return self.speed.get(setting.line, 1.0) * 2.0**setting.i * 2.0**setting.j
-
-    def is_ok(self, setting):
-        return self.rows.get(setting, {}).get("status") == "ok"
-
-    def allows(self, seconds):
-        return seconds <= self.left
-
-
 @pytest.fixture
 def plain_records(monkeypatch):
     """Records of the limit are plain values."""
     plain = {
         "record_at": lambda row, quantity: row["value"],
         "is_number": lambda quantity, record: True,
-        "value_of": lambda quantity, record: record,
+        "value_of": lambda quantity, record: 1.0 + {"x": 1, "y": 10}[quantity] * (record - 1.0),
         "size_of": lambda quantity, record: abs(record),
         "difference_of": lambda quantity, a, b: abs(b - a),
         "check_sizes": lambda quantities, row, where: None,
@@ -200,6 +143,12 @@ def test_the_limit_is_refined_to_two_fifths_of_the_tolerance(tolerance, plain_re
     assert abs(result.estimates[0].limit - 1.0) <= result.uncertainty.max()
 
 
+def test_the_limit_is_refined_for_the_quantity_that_is_least_known(plain_records):
+    """The quantity y changes ten times as much as x."""
+    result = find_limit(PlainBench(quantities=("x", "y")), [LINE], 0.01)
+    assert result.uncertainty[0] < 0.2 * result.uncertainty[1] <= 0.2 * 0.004
+
+
 def _is_within(result, wanted):
     """Whether the limit of fewer levels was within the wanted uncertainty."""
     values = [row["value"] for row in result.rows[-4:]]
@@ -250,18 +199,9 @@ def test_without_three_levels_the_finest_one_is_the_limit_of_unknown_uncertainty
 # --- the bench ------------------------------------------------------------------------------------
 
 
-def motion(h, dt, method="bdf2"):
-    """A strip that its weight stretches."""
-    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-    terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    system = fc.System(cloth, fc.Fabric(0.2, 200.0), terms, pins=["left"])
-    return cloth, system, fc.BDF2(), system.rest()
-
-
 @pytest.fixture(scope="module")
 def problem():
-    probes = [fc.Probe("tip", "right")]
-    return StudyProblem.of(motion, h=0.25, dt=0.01, t_end=0.1, probes=probes)
+    return StudyProblem.of(moving_strip, h=0.25, dt=0.01, t_end=0.1, probes=TIP)
 
 
 @pytest.fixture
@@ -376,21 +316,12 @@ def test_a_quantity_below_a_part_of_its_vector_is_zero(size, ends, is_zero, prob
 # --- the search -----------------------------------------------------------------------------------
 
 
-class Distances:
-    """A limit to which each row knows its distances."""
-
-    uncertainty = np.array([0.001, 0.002])
-
-    def error(self, row):
-        return np.array(row["errors"])
-
-
 def search_of(errors, tolerance=0.01):
     """A search after settings with these errors have run, by the refinements of h."""
     plain = PlainBench(quantities=("x", "y"))
     for i, pair in enumerate(errors):
         plain.rows[Setting(LINE, i)] = {"status": "ok", "errors": pair}
-    return Search(plain, Distances(), tolerance)
+    return Search(plain, PlainLimit(0.001, 0.002), tolerance)
 
 
 def test_error_and_uncertainty_of_each_quantity_are_added():
@@ -467,6 +398,50 @@ def test_a_setting_does_not_count_if_a_finer_one_exceeds_the_tolerance(finer, me
     assert (search.cheapest == Setting(LINE)) == meets
 
 
+def searched(plain, tolerance, **more):
+    """A search over the lines of a bench, and why it has ended."""
+    search = Search(plain, PlainLimit(0.0), tolerance, **more)
+    search.add_lines(list(plain.speed))
+    return search, search.run()
+
+
+@pytest.mark.parametrize("tolerance", [0.3, 0.01, 0.003])
+@pytest.mark.parametrize(("in_space", "in_time"), [(1.0, 1.0), (1.0, 0.01), (0.02, 1.0)])
+def test_the_search_finds_the_cheapest_of_all_settings(in_space, in_time, tolerance):
+    """Of up to 14 refinements of each size."""
+    plain = PlainBench(in_space, in_time, {OTHER: 0.03, LINE: 0.01})
+    search, why = searched(plain, tolerance)
+    assert why == ""
+    every = [Setting(*each) for each in itertools.product(plain.speed, range(14), range(14))]
+    met = [setting for setting in every if plain.value(setting) - 1.0 <= tolerance]
+    assert plain.took(search.cheapest) == min(map(plain.took, met))
+    assert search.error(search.cheapest) <= tolerance
+    most = 4 * plain.took(search.cheapest)
+    assert max(map(plain.took, plain.rows)) <= most  # dear ones did not run
+
+
+def test_a_search_ends_when_its_time_is_up_and_says_what_is_next():
+    plain = PlainBench(speed={LINE: 1.0}, left=30.0)
+    search, why = searched(plain, 1e-6)
+    assert why == "the time is up"
+    assert search.cheapest is None
+    assert search.next not in plain.rows
+    assert plain.left > 0
+
+
+def test_a_setting_that_takes_longer_than_expected_waits_for_cheaper_ones():
+    """The other line is 2000 times slower: it is cut off, and its time is not spent."""
+    plain = PlainBench(speed={OTHER: 20.0, LINE: 0.01})
+    assert searched(plain, 0.05)[1] == ""
+    assert {setting.line for setting in plain.rows} == {LINE}
+
+
+def test_only_settings_within_the_longest_time_count():
+    plain = PlainBench(speed={LINE: 0.01})
+    assert searched(plain, 0.01, longest=0.5)[0].cheapest is None
+    assert max(map(plain.took, plain.rows)) <= 4 * 0.5
+
+
 # --- settings and plans ---------------------------------------------------------------------------
 
 
@@ -514,6 +489,27 @@ def test_with_a_budget_tolerances_get_smaller_until_none_is_met(monkeypatch):
     assert tried == pytest.approx([10 ** (-1 - k / 2) for k in range(5)])
     assert best.at == pytest.approx(10**-2.5)
     assert why == ""
+
+
+def test_what_changed_gaps_make_is_taken_from_the_tolerance(monkeypatch, problem):
+    """0.4 % of 1 %: the limit and the search have the rest."""
+    tolerances = []
+
+    def search_lines(plan, bench, limit, lines):
+        tolerances.append(plan.tolerance)
+        raise KeyboardInterrupt
+
+    gaps = Reduced(problem, {"gap": 0.004})
+    monkeypatch.setattr(StudyProblem, "has_contact", True)
+    monkeypatch.setattr(tuning, "narrow_gaps", lambda reduced, bench, tolerance: gaps)
+    monkeypatch.setattr(
+        tuning, "find_limit", lambda bench, lines, tolerance, report: tolerances.append(tolerance)
+    )
+    monkeypatch.setattr(tuning, "search_lines", search_lines)
+    plan = Plan(problem, problem.choose_quantities("tip.x"), {}, 0.01, 1.0, Runs(quiet=True))
+    with pytest.raises(KeyboardInterrupt):
+        tuning.find_tuned(plan, Goal(0.01), model=False)
+    assert tolerances == pytest.approx([0.006, 0.006])
 
 
 def leave_out(monkeypatch, changes, seconds):

@@ -11,6 +11,7 @@ from support.singular_corners import (
     hanging_l,
     taut_l,
 )
+from support.strips import scene_file
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -108,11 +109,7 @@ interest = { quantities = ["tip.x"] }
 """
 
 
-@pytest.fixture
-def scene(tmp_path):
-    file = tmp_path / "strip.toml"
-    file.write_text(SCENE)
-    return file
+scene = scene_file(SCENE, "strip")
 
 
 def graded_by(keys):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support.strips import gripped as hung
 
 import fecloth as fc
 from fecloth.study.convergence import has_no_limit
@@ -11,13 +12,6 @@ from fecloth.study.refinement import Limit
 from fecloth.study.uncertainty import estimate_uncertainty
 
 pytestmark = pytest.mark.filterwarnings("ignore")
-
-
-def hung(h, stiffness=1000.0):
-    cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
-    fabric = fc.Fabric(0.2, stiffness, 0.0)
-    system = fc.System(cloth, fabric, [fc.StVK()], ["left", "right"])
-    return cloth, system, None, system.state(system.rest().x * [1.02, 1.0, 1.0])
 
 
 def log_of_size(result):

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import pytest
 from support.scene_texts import STRIP
+from support.strips import moving_strip as strip
 
 import fecloth as fc
-from fecloth.errors import InputError
-from fecloth.scene.scene import scene_of
 from fecloth.study.cases import Case
 from fecloth.study.problem import StudyProblem
 from fecloth.study.runs import run_case_of_problem
@@ -18,13 +17,6 @@ def scene(tmp_path):
     path = tmp_path / "strip.toml"
     path.write_text(STRIP)
     return StudyProblem.of(path)
-
-
-def strip(h, dt=0.01, stiffness=20.0):
-    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-    fabric = fc.Fabric(0.2, stiffness)
-    system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
-    return cloth, system, fc.BackwardEuler(), system.rest()
 
 
 def key_of(problem):
@@ -63,16 +55,6 @@ def test_another_element_takes_its_usual_mass_where_the_method_allows_it(scene):
     assert explicit.at(implicit).tables["mass"] == "consistent"
 
 
-def test_a_refused_change_names_the_file_the_change_and_the_key(scene):
-    titled = replace(scene, source=replace(scene.source, name="A flag"))
-    with pytest.raises(InputError, match=r"^strip\.toml with cloth.h = true: cloth.h = True: must"):
-        titled.at({"cloth.h": "true"})
-    with pytest.raises(InputError, match=r"^strip\.toml: refine = 'dt': an equilibrium has no dt"):
-        titled.check_refining("dt")
-    with pytest.raises(InputError, match="^the scene: refine = 'dt'"):
-        StudyProblem.of(scene_of(scene.tables)).check_refining("dt")
-
-
 def test_a_function_has_other_arguments_and_other_terms():
     opened = StudyProblem.of(strip, h=0.25, dt=0.01, t_end=0.1)
     other = opened.at({"h": 0.125, "stiffness": 40.0})
@@ -92,7 +74,7 @@ def test_equal_steps_end_at_the_end():
 
 
 def needy(h, stiffness, power=0):
-    return strip(h, stiffness=stiffness * 10.0**power)
+    return strip(h, 0.01, stiffness * 10.0**power)
 
 
 def test_a_function_takes_the_values_without_which_it_has_no_set_up():

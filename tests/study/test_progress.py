@@ -2,6 +2,7 @@
 
 import pytest
 from support.scene_texts import STRIP
+from support.strips import scene_file
 
 import fecloth as fc
 from fecloth import study
@@ -12,12 +13,7 @@ from fecloth.study.cases import Progress
 from fecloth.study.problem import StudyProblem
 from fecloth.study.status import TimeLimit
 
-
-@pytest.fixture
-def scene(tmp_path):
-    file = tmp_path / "strip.toml"
-    file.write_text(STRIP)
-    return file
+scene = scene_file(STRIP, "strip")
 
 
 def test_the_time_left_is_what_cases_took_in_proportion_to_their_costs():

@@ -38,6 +38,9 @@ def test_a_run_without_a_value_says_why(tmp_path):
     assert told["status"] == "no value"
     assert "period" in told["cause"]
     assert np.isfinite(told["values"]["tip.x"])
+    modes = problem.choose_quantities(["frequency(2)", "frequency(1)"])
+    (row,) = run_quantities([Run(problem, "")], modes, Runs(quiet=True))
+    assert with_values(row, modes)["status"] == "ok"
 
 
 def test_a_table_is_a_frame_of_pandas(monkeypatch):

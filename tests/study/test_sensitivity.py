@@ -4,9 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from support.strips import TIP, grip_force, scene_file
+from support.strips import gripped as strip
 
 import fecloth as fc
 from fecloth.errors import InputError
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.study import sensitivities
 from fecloth.study.derived_cases import LARGEST_ERROR
 from fecloth.study.parameters import Parameter
@@ -49,17 +52,6 @@ def drum(h, stiffness=1000.0, density=0.2, stretch=1.01):
     return cloth, system, fc.BackwardEuler(), system.state(x)
 
 
-def strip(h, stiffness=1000.0, density=0.2, drawn=0.02, length=1.0):
-    """A strip between two grips; its nodes move with the length."""
-    plain = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
-    cloth = fc.Cloth.from_arrays(
-        plain.X * [length, 1.0], plain.triangles, sets=dict(plain.node_sets)
-    )
-    system = fc.System(cloth, fc.Fabric(density, stiffness, 0.0), [fc.StVK()], ["left", "right"])
-    x = system.rest().x * [1.0 + drawn, 1.0, 1.0]
-    return cloth, system, None, system.state(x)
-
-
 def beam(h, B=1.0, g=1e-3):
     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
     fabric = fc.Fabric(0.2, 1e4, 0.0, bending_rigidity=B)
@@ -68,44 +60,32 @@ def beam(h, B=1.0, g=1e-3):
     return cloth, system, None, system.rest()
 
 
-@pytest.fixture
-def scene(tmp_path):
-    path = tmp_path / "strip.toml"
-    path.write_text(SCENE)
-    return path
+scene = scene_file(SCENE, "strip")
 
 
 def test_frequency_of_a_drum_goes_with_the_root_of_tension_over_density():
-    answer = fc.sensitivity(
-        drum, ["stiffness", "density"], "frequency(1)", h=0.25, dt=0.1, t_end=1.0
-    )
-    assert answer.elasticity == pytest.approx([0.5, -0.5], rel=1e-6)
-    tension = (1.01**2 - 1) / 2 * 1.01 * 1000 / 0.7
-    assert answer.value == pytest.approx(math.sqrt(tension / (2 * 0.2)), rel=0.1)
-    assert answer.checked < 1e-6
-
-
-def test_frequency_goes_with_the_tension_of_a_stretch():
-    """f is as √(s (s² − 1)/2), T = s S, of a membrane whose stress does not change across."""
-    answer = fc.sensitivity(drum, ["stretch"], "frequency(1)", h=0.25, dt=0.1, t_end=1.0)
+    """f is as √(T/ρ), T = s S = Y s (s² − 1)/2: the stress does not change across."""
+    asked = ["stiffness", "density", "stretch"]
+    answer = fc.sensitivity(drum, asked, "frequency(1)", h=0.25, dt=0.1, t_end=1.0)
     s = 1.01
-    assert answer.elasticity[0] == pytest.approx(s**2 / (s**2 - 1), rel=1e-5)
+    assert answer.elasticity == pytest.approx([0.5, -0.5, s**2 / (s**2 - 1)], rel=1e-5)
+    tension = (s**2 - 1) / 2 * s * 1000 / 0.7
+    assert answer.value == pytest.approx(math.sqrt(tension / (2 * 0.2)), rel=0.1)
+    assert answer.checked < 1e-4
 
 
 def test_tip_of_a_cantilever_goes_with_load_over_rigidity():
-    tip = fc.Probe("tip", "right")
-    answer = fc.sensitivity(beam, ["B", "g"], "tip.z", h=0.125, probes=[tip])
+    answer = fc.sensitivity(beam, ["B", "g"], "tip.z", h=0.125, probes=TIP)
     assert answer.elasticity == pytest.approx([-1.0, 1.0], abs=1e-5)
     assert answer.value == pytest.approx(-0.2 * 1e-3 / 8, rel=0.02)
     assert answer.derivative[0] == pytest.approx(-answer.value, rel=1e-5)
 
 
 def test_force_of_a_strip_by_its_closed_form():
-    """F = Y W s (s² − 1)/2 with the stretch s = (1 + drawn), whatever the length."""
     asked = ["stiffness", "drawn", "length"]
     answer = fc.sensitivity(strip, asked, ["reaction.right.x"], h=0.25)
     s = 1.02
-    assert answer.value[0] == pytest.approx(0.5 * 1000 * s * (s**2 - 1) / 2, rel=1e-9)
+    assert answer.value[0] == pytest.approx(grip_force(), rel=1e-9)
     slope = 0.5 * 1000 * (3 * s**2 - 1) / 2
     assert answer.derivative[0] == pytest.approx([answer.value[0] / 1000, slope, 0.0], abs=1e-4)
     assert answer.checked[0] < 1e-5
@@ -121,8 +101,7 @@ def test_a_strip_that_a_force_on_its_edge_pulls(follow):
         system = fc.System(cloth, fc.Fabric(0.2, stiffness), [fc.StVK(), load], ["left"])
         return cloth, system, None, system.rest()
 
-    tip = fc.Probe("tip", "right")
-    answer = fc.sensitivity(pulled, ["q", "stiffness"], "tip.x", h=0.25, probes=[tip])
+    answer = fc.sensitivity(pulled, ["q", "stiffness"], "tip.x", h=0.25, probes=TIP)
     s = max(np.roots([500.0, 0.0, -500.0, -50.0]).real)
     slope = 2 / (1000 * (3 * s**2 - 1))
     assert answer.value == pytest.approx(s, rel=1e-7)
@@ -139,8 +118,7 @@ def test_a_force_that_follows_a_swinging_edge():
         system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending(), lift, pull], ["left"])
         return cloth, system, fc.ImplicitMidpoint(), system.rest()
 
-    tip = fc.Probe("tip", "right")
-    answer = fc.sensitivity(swinging, ["q"], "tip.z", h=0.125, dt=0.01, t_end=0.1, probes=[tip])
+    answer = fc.sensitivity(swinging, ["q"], "tip.z", h=0.125, dt=0.01, t_end=0.1, probes=TIP)
     assert abs(answer.elasticity[0]) > 0.1
     assert answer.checked < 1e-4
 
@@ -170,10 +148,12 @@ def test_all_numbers_of_fabric_and_terms_but_zeros_by_default(scene):
 
 def test_a_zero_needs_a_scale_and_has_no_elasticity(scene):
     key = "terms.1.acceleration.1"
-    answer = fc.sensitivity(str(scene), key, "tip.y", scale={key: 1.0})
+    answer = fc.sensitivity(str(scene), key, "tip.y", scale={key: 2.0})
     assert np.isnan(answer.elasticity[0])
     assert answer.derivative[0] > 0
     assert answer.checked < 1e-4
+    change = 2 * answer.derivative[0]
+    assert f"it changes for +2 of {key} by {change:+.2g} m;" in answer.verdict
 
 
 def test_h_and_other_meshes_of_a_function_are_refused():
@@ -188,7 +168,7 @@ def test_h_and_other_meshes_of_a_function_are_refused():
 
 def test_values_of_arguments_are_those_of_the_mapping():
     answer = fc.sensitivity(strip, {"stiffness": 500.0}, "reaction.right.x", h=0.25, check=False)
-    assert answer.value == pytest.approx(0.5 * 500 * 1.02 * (1.02**2 - 1) / 2)
+    assert answer.value == pytest.approx(grip_force(500.0))
     assert np.isnan(answer.checked)
     assert "not checked" in answer.verdict
 
@@ -247,18 +227,27 @@ def test_folds_that_change_leave_no_derivative_and_the_answer_says_so():
     assert answer.exit_status == 3
 
 
+@pytest.fixture
+def twins_of(monkeypatch):
+    """The derivatives of a run that takes no time, and the values of its twin runs."""
+
+    def made_up(slopes, value):
+        def rows(runs, how):
+            answer = {"status": "ok", "sizes": [], "method": "", "why": ""}
+            if "changes" not in runs[0].arguments:
+                return [answer | {"values": [1.0], "slopes": [slopes]}]
+            changes = [np.array(run.arguments["changes"]) for run in runs]
+            return [answer | {"values": [value(change)]} for change in changes]
+
+        monkeypatch.setattr(sensitivities, "run_all", rows)
+
+    return made_up
+
+
 @pytest.mark.parametrize("bend", [8e4, 1.25e5])
-def test_the_sentence_on_one_per_cent_holds_or_says_how_far(bend, monkeypatch):
+def test_the_sentence_on_one_per_cent_holds_or_says_how_far(bend, twins_of):
     """q = 1 + s + bend s³/100: at a change of 1 % twin runs are off ∂q/∂s = 1 by bend · 1e-6."""
-
-    def rows(runs, how):
-        answer = {"status": "ok", "sizes": [], "method": "", "why": ""}
-        if "changes" not in runs[0].arguments:
-            return [answer | {"values": [1.0], "slopes": [[1.0]]}]
-        changes = [run.arguments["changes"][0] for run in runs]
-        return [answer | {"values": [1 + s + 0.01 * bend * s**3]} for s in changes]
-
-    monkeypatch.setattr(sensitivities, "run_all", rows)
+    twins_of([1.0], lambda change: 1 + change[0] + 0.01 * bend * change[0] ** 3)
     answer = fc.sensitivity(strip, ["drawn"], "area", h=0.25)
     assert answer.checked < LARGEST_ERROR
     holds = 1e-2 if bend < 1e5 else sensitivities.WIDE_CHANGE
@@ -277,36 +266,19 @@ def test_one_per_cent_from_the_twin_runs_is_the_limit(part, exists, monkeypatch)
     assert ("no derivative here" in answer.verdict) != exists
 
 
-def test_twin_runs_find_a_wrong_derivative(monkeypatch):
-    right = sensitivities.run_all
-
-    def wrong(runs, how):
-        rows = right(runs, how)
-        for row in rows:
-            if "slopes" in row:
-                row["slopes"] = (1.02 * np.array(row["slopes"])).tolist()
-        return rows
-
-    monkeypatch.setattr(sensitivities, "run_all", wrong)
-    answer = fc.sensitivity(strip, ["drawn"], "reaction.right.x", h=0.25)
-    assert answer.checked == pytest.approx(0.02 / 1.02, rel=1e-3)
-
-
-def test_twin_runs_tell_of_a_number_that_counts_little(monkeypatch):
+def test_twin_runs_tell_of_a_number_that_counts_little(twins_of):
     """q = 1 + Y + 0.02 B, with a derivative by B that is wrong by a half: 1 % of all changes."""
+    largest = []
 
-    def rows(runs, how):
-        answer = {"status": "ok", "sizes": [], "method": "", "why": ""}
-        if "changes" not in runs[0].arguments:
-            return [answer | {"values": [1.0], "slopes": [[1.0, 0.03]]}]
-        changes = [np.array(run.arguments["changes"]) for run in runs]
-        assert np.abs(changes).max() <= 0.0101
-        return [answer | {"values": [1.0 + change @ [1.0, 0.02]]} for change in changes]
+    def value(change):
+        largest.append(np.abs(change).max())
+        return 1.0 + change @ [1.0, 0.02]
 
-    monkeypatch.setattr(sensitivities, "run_all", rows)
+    twins_of([1.0, 0.03], value)
     answer = fc.sensitivity(strip, ["stiffness", "drawn"], "area", h=0.25)
     assert answer.checked == pytest.approx(0.01 * 17.1667 / (1 + 0.03 * 17.1667), rel=1e-4)
     assert "no derivative here" in answer.verdict
+    assert max(largest) <= 0.0101
 
 
 def test_weights_of_twin_runs():
@@ -352,13 +324,6 @@ def test_terms_whose_numbers_hardly_count_are_named_up_to_the_tolerance(scene, c
         runs = Runs(quiet=True)
         words = describe_weak_terms(opened, opened.quantities, tolerance, runs)
         assert ("terms.2.pressure of Pressure" in words) == named
-
-
-def test_a_zero_is_in_the_verdict_with_its_scale(scene):
-    key = "terms.1.acceleration.1"
-    answer = fc.sensitivity(str(scene), key, "tip.y", scale={key: 2.0})
-    change = 2 * answer.derivative[0]
-    assert f"it changes for +2 of {key} by {change:+.2g} m;" in answer.verdict
 
 
 def test_a_scale_whose_change_is_lost_in_round_off_is_named(scene):
@@ -428,17 +393,41 @@ restitution = 1.0
 
 
 @pytest.mark.parametrize("wrong_by", [0.008, 0.05])
-def test_a_narrower_pair_of_twin_runs_is_no_looser(wrong_by, monkeypatch):
+def test_a_narrower_pair_of_twin_runs_is_no_looser(wrong_by, twins_of):
     """The quantity changes by 1e-5 of its value: its derivative is judged as any other."""
-
-    def rows(runs, how):
-        answer = {"status": "ok", "sizes": [], "method": "", "why": ""}
-        if "changes" not in runs[0].arguments:
-            return [answer | {"values": [1.0], "slopes": [[1e-5]]}]
-        changes = [run.arguments["changes"][0] for run in runs]
-        return [answer | {"values": [1 + 1e-5 * (1 + wrong_by) * each]} for each in changes]
-
-    monkeypatch.setattr(sensitivities, "run_all", rows)
+    twins_of([1e-5], lambda change: 1 + 1e-5 * (1 + wrong_by) * change[0])
     answer = fc.sensitivity(strip, ["drawn"], "area", h=0.25)
     assert answer.checked == pytest.approx(wrong_by, rel=1e-3)
     assert np.isfinite(answer.derivative[0]) == (wrong_by < LARGEST_ERROR)
+
+
+# --- along a path on which the threads of a fabric slide ------------------------------------------
+
+LAID, FALLS = LoadSteps(20), fc.BDF2()
+
+
+def rubbing(method, hysteresis=6e-4, rigidity=2e-5):
+    cloth = fc.Cloth.rectangle(0.2, 0.05, h=0.05, pattern="right")
+    fabric = fc.Fabric(0.05, 200.0, bending_rigidity=rigidity, bending_hysteresis=hysteresis)
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(), fc.Gravity()]
+    system = fc.System(cloth, fabric, terms, [fc.Pin("left", clamp=True)])
+    return cloth, system, method, system.rest()
+
+
+@pytest.mark.stories
+@pytest.mark.parametrize(
+    ("method", "times"),
+    [
+        pytest.param(LAID, {"t_end": 1.0}, id="laid"),
+        pytest.param(None, {}, id="at rest"),
+        pytest.param(FALLS, {"dt": 4e-3, "t_end": 0.1}, id="falls"),
+    ],
+)
+def test_the_place_depends_on_the_hysteresis_as_twin_runs_say(method, times):
+    def problem(hysteresis=6e-4, rigidity=2e-5):
+        return rubbing(method, hysteresis, rigidity)
+
+    start = {"hysteresis": 6e-4, "rigidity": 2e-5}
+    answer = fc.sensitivity(problem, start, "tip.z", probes=TIP, **times)
+    assert answer.checked < 1e-4
+    assert abs(answer.elasticity).min() > 1e-3

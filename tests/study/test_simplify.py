@@ -177,9 +177,10 @@ def original_of(tolerance=0.01, order=2.0, **more):
     )
 
 
-def trial_of(variant, change, seconds=0.5):
+def trial_of(variant, change, seconds=0.5, verdict=""):
     cells = {"cpu_seconds": seconds, "saved [%]": 100 * (1 - seconds), "status": "ok"}
-    return Trial(variant, {"sag": change}, cells, words=f"changes sag by {100 * change:g} %")
+    words = f"changes sag by {100 * change:g} %"
+    return Trial(variant, {"sag": change}, cells, words, verdict)
 
 
 def judge_changes(changes, tolerance=0.01):
@@ -252,8 +253,7 @@ def test_changes_are_combined_while_they_stay_within_the_tolerance():
 
     variants = [Variant(name, name, {name: 1}, "h") for name in "abcd"]
     saved = dict(zip("abcd", (0.9, 0.8, 0.1, 1e-20), strict=True))  # the order of trying
-    alone = [trial_of(v, changes[v.name], 1 - saved[v.name]) for v in variants]
-    alone = [Trial(t.variant, t.changes, t.cells, t.words, "not needed") for t in alone]
+    alone = [trial_of(v, changes[v.name], 1 - saved[v.name], "not needed") for v in variants]
     alone[0].cells["cpu_seconds"] = 0.8
     taken, combinations = combine(original_of(run=run), alone)
     assert [variant.name for variant in taken] == ["a", "b"]
@@ -270,13 +270,11 @@ def test_a_better_variant_of_a_slot_takes_its_place_unless_a_term_is_left_out():
         raise AssertionError  # each has run alone
 
     first, second = (Variant(name, "mesh", {}, "h") for name in ("h × 1.5", "h × 2"))
-    trials = [trial_of(first, 1e-4, 0.6), trial_of(second, 5e-3, 0.4)]
-    trials = [Trial(t.variant, t.changes, t.cells, t.words, "not needed") for t in trials]
-    taken, _ = combine(original_of(run=run), trials)
-    assert taken == [second]
+    better = trial_of(second, 5e-3, 0.4, "not needed")
     dropped = Variant("without x", "mesh", {}, "without", "x")
-    trials[0] = Trial(dropped, trials[0].changes, trials[0].cells, "", "not needed")
-    assert combine(original_of(run=run), trials)[0] == [dropped]
+    for variant, taken in ((first, second), (dropped, dropped)):
+        trials = [trial_of(variant, 1e-4, 0.6, "not needed"), better]
+        assert combine(original_of(run=run), trials)[0] == [taken]
 
 
 @pytest.mark.parametrize(("saved", "is_saving"), [(0.05 * 0.8, False), (0.05 * 1.25, True)])

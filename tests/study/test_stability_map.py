@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from support.rundirs import rows_of
+from support.strips import scene_file
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -30,11 +31,7 @@ t_end = 0.2
 EXPLICIT = ["central_difference", "symplectic_euler"]
 
 
-@pytest.fixture
-def scene(tmp_path):
-    file = tmp_path / "sheet.toml"
-    file.write_text(SCENE)
-    return file
+scene = scene_file(SCENE, "sheet")
 
 
 def sheet(h, density=0.2):

@@ -6,31 +6,22 @@ import numpy as np
 import pytest
 from support.rundirs import rows_of
 from support.scene_texts import STRIP
+from support.strips import TIP, scene_file
+from support.strips import strip as hung
 
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.cli.studies import converge, sweep
 from fecloth.cli.study_command import name_question
-from fecloth.errors import InputError
 from fecloth.study.variants import parse_range, read_ranges
 from studies.references.closed_forms import hanging_strip_tip
 
-TIP = [fc.Probe("tip", "right")]
 SCENE = STRIP.replace('"tip.x"', '"tip.x", "sag"')
+scene = scene_file(SCENE, "strip")
 
 
 def strip(h, stiffness, power=0):
-    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-    terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    system = fc.System(cloth, fc.Fabric(0.2, stiffness * 10.0**power), terms, pins=["left"])
-    return cloth, system, None, system.rest()
-
-
-@pytest.fixture
-def scene(tmp_path):
-    file = tmp_path / "strip.toml"
-    file.write_text(SCENE)
-    return file
+    return hung(h, stiffness * 10.0**power)
 
 
 def test_the_tip_of_a_strip_over_its_stiffness(scene, tmp_path):
@@ -56,8 +47,6 @@ def test_two_keys_of_a_function_and_a_field():
 
 def test_a_refused_value_has_a_row_with_its_reason_and_the_others_run(scene):
     key = "fabric.tensile_stiffness"
-    with pytest.raises(InputError, match=f"every value: .*{key} = -1.0: must be"):
-        fc.study.sweep(scene, f"{key}=-1,-1", "tip.x")
     result = fc.study.sweep(scene, f"{key}=-1,20", "tip.x")
     assert result.table["status"] == ["refused", "ok"]
     assert f"{key} = -1.0: must be" in result.table["cause"][0]
@@ -92,7 +81,6 @@ def test_a_text_in_a_mapping_is_read_as_after_the_key():
 
 
 def test_each_question_of_the_command_has_its_own_folder(scene, monkeypatch, capsys):
-    monkeypatch.chdir(scene.parent)
     for quantity in ("tip.x", "sag"):
         over = ["--over", "cloth.h=0.25", "--quantity", quantity]
         assert cli.main(["sweep", str(scene), *over]) == 0

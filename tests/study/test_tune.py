@@ -6,6 +6,8 @@ import tomllib
 
 import numpy as np
 import pytest
+from support.strips import TIP, moving_strip, scene_file
+from support.strips import strip as hung
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -47,18 +49,13 @@ tensile_stiffness = 200.0
 poisson_ratio = 0.3
 bending_rigidity = 1e-3
 """
-TIP = [fc.Probe("tip", "right")]
+strip = scene_file(STRIP, "scene")
 
 
 def write(folder, text, name="scene.toml"):
     path = folder / name
     path.write_text(text)
     return path
-
-
-@pytest.fixture
-def strip(tmp_path):
-    return write(tmp_path, STRIP)
 
 
 @pytest.fixture(scope="module")
@@ -123,15 +120,9 @@ def test_the_tuned_setting_is_the_cheapest_row_within_the_tolerance(tuned_strip)
 
 @pytest.mark.stories
 def test_a_function_is_tuned_in_h(tmp_path):
-    def hang(h, element="P1"):
-        cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="cross", element=element)
-        mass = "lumped" if element == "P1" else "consistent"
-        terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-        system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"], mass=mass)
-        return cloth, system, None, system.rest()
-
     elements = ["P1", "P2"]
-    tuned = fc.tune(hang, "0.5%", "tip.x", h=0.1, probes=TIP, elements=elements, folder=tmp_path)
+    asked = {"h": 0.1, "pattern": "cross", "probes": TIP, "elements": elements}
+    tuned = fc.tune(hung, "0.5%", "tip.x", folder=tmp_path, **asked)
     assert tuned.proved
     assert tuned.scene is None
     assert set(tuned.table["element"]) == set(elements)
@@ -140,18 +131,10 @@ def test_a_function_is_tuned_in_h(tmp_path):
     assert (tmp_path / "figure.png").exists()
 
 
-def pulled_strip(h, dt):
-    """A strip, held at its left edge, that its weight begins to stretch."""
-    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-    terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    system = fc.System(cloth, fc.Fabric(0.2, 200.0), terms, pins=["left"])
-    return cloth, system, fc.ImplicitMidpoint(), system.rest()
-
-
 @pytest.mark.stories
 def test_the_tuned_motion_takes_no_longer_than_its_budget():
     run = {"h": 0.1, "dt": 0.005, "t_end": 0.05, "probes": TIP}
-    tuned = fc.tune(pulled_strip, quantity="tip.x", budget="0.02 s", **run)
+    tuned = fc.tune(moving_strip, quantity="tip.x", budget="0.02 s", **run)
     assert tuned.proved, tuned.verdict
     assert tuned.seconds <= tuned.budget == 0.02
     assert 0 < tuned.error < 0.05
@@ -213,11 +196,7 @@ def test_changes_that_do_not_shrink_prove_nothing():
     """As with folds: each finer mesh has another result; here by its stiffness."""
 
     def folded(h):
-        cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-        stiffness = 20.0 + 5.0 * math.cos(math.pi * math.log2(0.25 / h))
-        terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-        system = fc.System(cloth, fc.Fabric(0.2, stiffness), terms, pins=["left"])
-        return cloth, system, None, system.rest()
+        return hung(h, 20.0 + 5.0 * math.cos(math.pi * math.log2(0.25 / h)))
 
     tuned = fc.tune(folded, "2%", "tip.x", h=0.1, probes=TIP, seconds=2.0)
     assert not tuned.proved
@@ -236,7 +215,7 @@ def test_changes_that_do_not_shrink_prove_nothing():
 )
 def test_a_time_that_is_up_is_said_with_the_next_setting(seconds, words):
     run = {"h": 0.1, "dt": 0.005, "t_end": 0.05, "probes": TIP}
-    tuned = fc.tune(pulled_strip, 1e-6, "tip.x", seconds=seconds, **run)
+    tuned = fc.tune(moving_strip, 1e-6, "tip.x", seconds=seconds, **run)
     assert not tuned.proved
     assert re.search(words, " ".join([tuned.verdict, *tuned.remarks]))
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from support.strips import scene_file
 
 import fecloth as fc
 from fecloth.errors import InputError
@@ -22,12 +23,7 @@ time = { method = "bdf2", dt = 0.01, t_end = 0.5 }
 """
 
 
-@pytest.fixture
-def scene(tmp_path):
-    """Return the path of a scene."""
-    path = tmp_path / "flag.toml"
-    path.write_text(SCENE)
-    return path
+scene = scene_file(SCENE, "flag")
 
 
 def work_of(scene, *changes):

@@ -3,11 +3,15 @@
 import csv
 import dataclasses
 import json
+import os
+import signal
 from pathlib import Path
 
 import pytest
 
 from fecloth.runs import restart
+from fecloth.runs.run_scene import run_scene
+from fecloth.scene.scene import load_scene
 from fecloth.simulation.account import Accounts
 
 
@@ -27,6 +31,36 @@ def written(folder):
     if "run.vtkhdf" in result:  # its values: HDF5 lays a file that was cut out in another way
         result["run.vtkhdf"] = hdf_values(folder / "run.vtkhdf")
     return result | {str(f.relative_to(folder)): record(f) for f in restart.files(folder)}
+
+
+def interrupted(scene, folder, after, resume=False):
+    """A run that is asked to stop after a step, as by Ctrl-C."""
+
+    def report(info):
+        if info.step == after:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    return run_scene(load_scene(scene), folder, report=report, resume=resume)
+
+
+def assert_same_files(first, second):
+    """Two folders have the same files, bit for bit."""
+    expected, result = written(first), written(second)
+    assert {name: expected[name] == result.get(name) for name in expected} == dict.fromkeys(
+        expected, True
+    )
+
+
+def gone_on(scene, folder, after):
+    """Run a scene as a whole, and broken off after a step and resumed: the files are the same.
+
+    The outcome of the whole run, in the folder "whole".
+    """
+    whole = run_scene(load_scene(scene), folder / "whole")
+    assert interrupted(scene, folder / "broken", after).status == "interrupted"
+    assert run_scene(load_scene(scene), folder / "broken", resume=True).status == "done"
+    assert_same_files(folder / "whole", folder / "broken")
+    return whole
 
 
 def hdf_values(file):

@@ -69,7 +69,8 @@ def refusal(call: str) -> fc.InputError:
 def words(error: fc.InputError) -> str:
     """The message of an error, without addresses in memory and the places of files."""
     text = re.sub("0x[0-9a-f]+", "0x…", str(error)).replace(str(FOLDER.parents[1]), "ROOT")
-    return text.replace(os.getcwd(), "FOLDER")
+    text = text.replace(os.getcwd(), "FOLDER")
+    return re.sub(rf"{tempfile.gettempdir()}/\w+", "FOLDER", text)
 
 
 def copy_scenes() -> list[Path]:

@@ -1,6 +1,8 @@
 """What the calls of `tests/messages/calls.txt` and `files.txt` may name."""
 
 import math as math
+import tempfile
+from contextlib import chdir
 from dataclasses import dataclass as dataclass
 from dataclasses import replace as replace
 from functools import cache
@@ -9,11 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import matrices as matrices
+from support.examples import example as example
+from support.local_link import LocalLink as LocalLink
 from support.study_functions import fail_or_return as fail_or_return
 from support.study_functions import return_setting as return_setting
 
 import fecloth as fc
 from fecloth import study as study
+from fecloth.distributed.distributed_system import DistributedSystem as DistributedSystem
 from fecloth.homogenisation import bending_tensor as bending_tensor
 from fecloth.homogenisation import strip_rigidity as strip_rigidity
 from fecloth.integrators.protocol import MethodTraits as MethodTraits
@@ -21,12 +26,14 @@ from fecloth.linalg import select as select
 from fecloth.mesh.flat_mesh import FlatMesh as FlatMesh
 from fecloth.mesh.grading import Grading as Grading
 from fecloth.quantities.columns import factor_to_si as factor_to_si
+from fecloth.quantities.columns import read_table
 from fecloth.quantities.formula import Formula as Formula
 from fecloth.quantities.units import AREAL as AREAL
 from fecloth.quantities.units import MOMENT as MOMENT
 from fecloth.quantities.units import PER_WIDTH as PER_WIDTH
 from fecloth.quantities.units import TIME as TIME
 from fecloth.quantities.units import quantity as quantity
+from fecloth.runs import restart as restart
 from fecloth.scene.probe_tables import read_measured as read_measured
 from fecloth.simulation.on_request import grip_width as grip_width
 from fecloth.simulation.quantity import parse_quantity as parse_quantity
@@ -37,6 +44,7 @@ from fecloth.simulation.resolve import solver_for as solver_for
 from fecloth.simulation.stability_limited import StabilityLimited as StabilityLimited
 from fecloth.stability import amplification as amplification
 from fecloth.stability import estimate as estimate
+from fecloth.study.fitting import file as fit_file
 from fecloth.study.fitting.experiment import Experiment as Experiment
 from fecloth.study.problem import StudyProblem as StudyProblem
 from fecloth.study.result import read_tolerance as read_tolerance
@@ -341,3 +349,73 @@ def strip(h, dt=0.1, stiffness=20.0):
 
 def scene(*changes):
     return fc.load_scene(FILES.parent / "static.toml", changes)
+
+
+# files that are read
+
+MESSAGES = Path(__file__).parents[1] / "messages"
+SQUARES = [
+    (MESSAGES.parents[1] / "meshes" / f"square_{version}.msh").read_text(encoding="utf-8")
+    for version in (22, 41)
+]
+FIT, TWO = (
+    {path.name: path.read_text(encoding="utf-8") for path in (MESSAGES / name).iterdir()}
+    for name in ("fit", "regions")
+)
+OWN_TERMS = """
+cloth = { shape = "rectangle", width = 0.4, height = 0.3, h = 0.1, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [
+  { type = "Fung", strain = 0.15 },
+  { type = "StrainRateDamping", time = 1e-3, law = { type = "Fung" } },
+  { type = "Winkler", k = 300.0 },
+]
+pins = [{ where = "left" }]
+start = { position = ["X", "Y", "0.05 * X"] }
+time = { method = "bdf2", dt = 1e-3, t_end = 5e-3 }
+"""
+
+
+def given(files, call, *arguments, **options):
+    """The call in a folder with these files, by their names."""
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        for name, content in files.items():
+            Path(name).write_bytes(content if isinstance(content, bytes) else content.encode())
+        return call(*arguments, **options)
+
+
+def a_scene(content, *overrides, **options):
+    """The set-up of a scene with this text."""
+    return given({"a.toml": content}, lambda: fc.load_scene("a.toml", overrides, **options).build())
+
+
+def a_fit(old="", new="", **files):
+    """The fit of a file in which a text is replaced, with other files beside it."""
+    text = FIT["FIT.toml"].replace(old, new)
+    files = {name.replace("_", "."): content for name, content in files.items()}
+    return given(FIT | {"FIT.toml": text} | files, fit_file.fit, "FIT.toml")
+
+
+def two_regions(*overrides, old="", new=""):
+    """The set-up of a scene with two regions, of which a text is replaced."""
+    text = TWO["scene.toml"].replace(old, new)
+    return given(TWO | {"scene.toml": text}, lambda: fc.load_scene("scene.toml", overrides).build())
+
+
+def a_column(text, name="force"):
+    """The numbers of a column, in newtons."""
+    return given({"a.csv": text}, lambda: read_table(Path("a.csv"), "x").numbers(name, "N"))
+
+
+def fan(degrees, parts):
+    """Triangles around the origin, that turn by so many degrees altogether."""
+    angles = np.radians(np.linspace(0.0, degrees, parts + 1))
+    radii = 1.0 + 0.1 * np.arange(parts + 1)  # a spiral, so that no nodes coincide
+    X = np.vstack([[0.0, 0.0], np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])])
+    return fc.Cloth.from_arrays(X, [[0, i, i + 1] for i in range(1, parts + 1)])
+
+
+def march_on(method, *steps):
+    """A step of backward Euler, and another one of a method with the memory of the first."""
+    state, info = next(fc.march(SYSTEM, fc.BackwardEuler(), START, 0.01, 0.05))
+    return next(fc.march(SYSTEM, method, state, *steps, memory=info.memory))

@@ -308,3 +308,40 @@ def test_a_stretch_is_handed_on_to_the_pair_of_the_same_material_points():
     e, other = np.array([1.0, 2.0, 0.0]), np.array([0.0, 3.0, 0.0])
     handed = after.hand_on(before, np.array([e, other]))
     np.testing.assert_array_equal(handed, [e, -e, 0 * e, other])
+
+
+def on_a_plane(h, velocity=0.0, mu=0.4, **plate):
+    """A sheet at rest on a plane, with a velocity along x."""
+    cloth = fc.Cloth.rectangle(0.05, 0.05, h, "right")
+    plane = fc.Obstacle(S.Plane((0, 0, 0), UP, **plate), 1e-3, friction=mu, stiffness=1e3)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.Gravity(), plane])
+    x = flat(cloth) + [0, 0, 1e-3 - RESTS]
+    return cloth, system, fc.BDF2(), system.state(x, 0 * x + [velocity, 0, 0])
+
+
+def slides_to_rest(h, speed=0.5, mu=0.4):
+    return on_a_plane(h, speed, mu)
+
+
+def begins_to_slip(h, jerk=80.0, mu=0.4):
+    """The plane accelerates by `jerk` t."""
+    return on_a_plane(h, mu=mu, motion=(f"{jerk!r}*t**3/6", 0, 0))
+
+
+@pytest.mark.parametrize(
+    "problem", stories_except([slides_to_rest, begins_to_slip], slides_to_rest)
+)
+def test_the_derivative_of_a_way_goes_through_stick_and_slip(problem):
+    """v²/(2μg), and j t³/6 until μg/j, with μg from there: by v, j and μ."""
+    g, v, j, mu, t_end = 9.81, 0.5, 80.0, 0.4, 0.15
+    name, exact = "speed", [v / (mu * g), -(v**2) / (2 * mu**2 * g)]
+    if problem is begins_to_slip:
+        name, slips = "jerk", mu * g / j
+        late = t_end - slips
+        exact = [slips**3 / 6 + slips**2 / 2 * late, g * late**2 / 2]
+
+    def way(result):
+        return float(result.state.x[:, 0].mean())
+
+    answer = fc.sensitivity(problem, [name, "mu"], way, h=0.05, dt=2.5e-3, t_end=t_end, check=False)
+    np.testing.assert_allclose(answer.derivative, exact, rtol=0.015)
