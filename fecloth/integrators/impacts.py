@@ -35,7 +35,7 @@ from scipy.sparse.linalg import splu
 from fecloth.integrators.step import Opening
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.system.state import State
-from fecloth.system.system import History, System
+from fecloth.system.system import History
 from fecloth.terms.contact.bound_contact import Touched
 from fecloth.terms.contact.touches import Touches
 
@@ -48,7 +48,6 @@ MOST_ITERATIONS = 1_000
 # A whole step along which the slope rises above this part of its start, with the other sign, is
 # cut to where the slope is 0.
 SLOPE_ALLOWED = 0.5
-STEP_TOLERANCE = 1e-14  # less, and there are more steps
 ROUND_OFF_OF_WORK = 1e-5  # above COMPLIANCE
 # The most impulse of an impact over the impulse that it needs alone: no pile has as many layers.
 MOST_IMPULSE = 100.0
@@ -90,14 +89,16 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     # A force that lasts adds h times itself to v in each step, and a force of one step dt times
     # itself, with what the method remembers of it.
     h = opening.stage.wv / opening.stage.wa
-    parts = [term.touches(opening.begin, new, h) for term in opening.over.bound]
+    system = opening.system
+    held = np.zeros(len(new.x), bool)
+    held[system.constraints.nodes] = True
+    parts = [term.touches(opening.begin, new, h, held) for term in opening.over.bound]
     touching = [part for part in parts if part is not None]
     if not touching:
         return Struck(new, np.zeros_like(new.v), np.zeros_like(new.v))
     touches = Touches.join(touching)
-    system = opening.system
     rows = (touches.rows @ system.admissible).tocsr()
-    solve_mass = inverse_of(system.free_mass)
+    solve_mass: Callable[[np.ndarray], np.ndarray] = system.factor_of_mass.solve
     u = touches.rows @ new.v.ravel() - touches.surface
 
     def change(of_places: np.ndarray) -> np.ndarray:
@@ -140,20 +141,6 @@ def with_forces(history: History | None, struck: Struck) -> History | None:
         replace(record, forces=forces) if isinstance(record, Touched) else record
         for record, forces in zip(history, struck.forces, strict=True)
     )
-
-
-def share_mass(system: System) -> None:
-    """Make what impacts need, before a step copies the system: the copies share it."""
-    _ = system.free_mass
-
-
-def inverse_of(mass: sparse.csc_matrix) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function b ↦ mass⁻¹ b; a lumped mass is a diagonal."""
-    if mass.nnz == mass.shape[0]:
-        diagonal = mass.diagonal()
-        return lambda b: b / diagonal
-    solve: Callable[[np.ndarray], np.ndarray] = splu(mass).solve
-    return solve
 
 
 def is_impact(before: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -200,26 +187,64 @@ class Places(NamedTuple):
         return changes
 
     @property
-    def are_apart(self) -> bool:
-        """Whether each degree of freedom is changed by one place only, and has its own mass."""
-        has_own_mass = self.mass.nnz == self.mass.shape[0]
-        return bool(has_own_mass and self.rows.getnnz(axis=0).max(initial=0) <= 1)
+    def has_lumped_mass(self) -> bool:
+        return bool(self.mass.nnz == self.mass.shape[0])
+
+    @property
+    def are_apart(self) -> np.ndarray:
+        """Whether each place (m,) alone changes its degrees of freedom, with a lumped mass."""
+        m = len(self.free)
+        if not self.has_lumped_mass:
+            return np.zeros(m, bool)
+        is_shared = self.rows.getnnz(axis=0) > 1
+        place_of_entry = np.repeat(np.arange(m), np.diff(self.rows.indptr))
+        apart: np.ndarray = np.bincount(place_of_entry, is_shared[self.rows.indices], m) == 0
+        return apart
+
+    def among(self, which: np.ndarray) -> tuple["Places", np.ndarray]:
+        """Return some of the places, and the degrees of freedom (k,) that their motion needs."""
+        rows = self.rows[which]
+        if not self.has_lumped_mass:
+            return self, np.arange(rows.shape[1])
+        dofs = np.unique(rows.indices)
+        mass = self.mass[dofs][:, dofs].tocsc()
+        diagonal = mass.diagonal()
+        return Places(
+            mass, lambda b: b / diagonal, rows[:, dofs], self.free[which], self.pushed[which]
+        ), dofs
 
     def find_impulses(self, c: np.ndarray, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the impulses Λ (m,) [N s] and the change q (f,) of the velocities by them [m/s].
 
-        `c` (m,) are the speeds that are asked for, and `strikes` (m,) the impacts. Where connected
-        impulses would do work on the cloth, less is asked for. Raises `NewtonFailed` if they are
-        not found.
+        `c` (m,) are the speeds that are asked for, and `strikes` (m,) the impacts. Raises
+        `NewtonFailed` if they are not found.
+        """
+        impulses = self.alone(c, self.limits(c, strikes))
+        apart = self.are_apart
+        q = self.solve_mass(self.rows.T @ (impulses * apart))
+        if not apart.all():
+            others, dofs = self.among(~apart)
+            impulses[~apart], q[dofs] = others.find_together(c[~apart], strikes[~apart])
+        return impulses, q
+
+    def find_together(self, c: np.ndarray, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The impulses and the change of velocities of places that are not apart.
+
+        Where connected impulses would do work on the cloth, less is asked for.
         """
         most = self.limits(c, strikes)
         impulses, q = self.solve(c, most)
-        if self.are_apart:  # an impulse alone leaves the place no more than its c
-            return impulses, q
         while (gained := (c > 0.0) & self.gains_energy(impulses, self.rows @ q)).any():
             c = np.where(gained, LESS_SPEED * c, c)
             impulses, q = self.solve(c, most)
         return impulses, q
+
+    def alone(self, c: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """The impulses (m,) [N s] of places that are apart; Λ₀ where pins hold all of a place."""
+        can_move = self.own > 0.0
+        needed = np.divide(c - self.free, self.own, out=self.pushed.copy(), where=can_move)
+        impulses: np.ndarray = np.clip(needed, 0.0, most)
+        return impulses
 
     def limits(self, c: np.ndarray, strikes: np.ndarray) -> np.ndarray:
         """Return Λ_most (m,) [N s]: of impacts, too, as there is no Λ for walls that close."""
@@ -255,22 +280,18 @@ class Places(NamedTuple):
         with a line search is exact in the last region (Qi and Sun 1993, A Nonsmooth
         Version of Newton's Method, Math. Program. 58). Raises `NewtonFailed` if it does not end.
         """
-        gives = np.where(self.own > 0.0, COMPLIANCE * self.own, np.inf)
+        can_move = self.own > 0.0
+        gives = np.where(can_move, COMPLIANCE * self.own, np.inf)
+        least = np.where(can_move, 0.0, most)
         fastest = float((np.abs(self.free) + c).max())
-
-        def impulses_at(u: np.ndarray) -> np.ndarray:
-            impulses: np.ndarray = np.clip((c - u) / gives, 0.0, most)
-            return impulses
-
-        alone = np.clip(COMPLIANCE * (c - self.free) / gives, 0.0, most)
-        q = self.solve_mass(self.rows.T @ alone)
-        if self.are_apart:
-            return alone, q
+        impulses = self.alone(c, most)
+        q = self.solve_mass(self.rows.T @ impulses)
         for _ in range(MOST_ITERATIONS):
             u = self.free + self.rows @ q
-            impulses = impulses_at(u)
+            impulses = np.clip((c - u) / gives, least, most)
             residual = self.mass @ q - self.rows.T @ impulses
-            slopes = sparse.diags(((impulses > 0.0) & (impulses < most)) / gives)
+            gives_way = (impulses > least) & (impulses < most)
+            slopes = sparse.diags(gives_way / gives)
             tangent = (self.mass + self.rows.T @ slopes @ self.rows).tocsc()
             direction = splu(tangent).solve(-residual)
             faster = self.rows @ direction
@@ -278,31 +299,34 @@ class Places(NamedTuple):
                 return impulses, q
             inertia = float(direction @ (self.mass @ direction))
             begin = float(direction @ residual)
-            q = q + _find_step(begin, inertia, u, faster, impulses_at) * direction
+            q = q + find_step(begin, inertia, faster, c - u, gives, most) * direction
         reason = "the impulses of contacts at the end of the step are not found"
         raise NewtonFailed(reason, np.nan, "Take a smaller dt.")
 
 
-def _find_step(
+def find_step(
     begin: float,
     inertia: float,
-    u: np.ndarray,
     faster: np.ndarray,
-    impulses_at: Callable[[np.ndarray], np.ndarray],
+    closing: np.ndarray,
+    gives: np.ndarray,
+    most: np.ndarray,
 ) -> float:
     """The part of a Newton step: the whole, or up to where the slope along it is 0.
 
-    The slope is `begin` at first. The whole step has the `inertia` d·M d, and changes the speeds u
-    (m,) of the places by `faster`.
+    The slope is `begin` at first. It grows with the `inertia` d·M d and, where a place gives way,
+    with f²/ε of its own, as the step s changes its speed by s f. It does so where s f is between
+    c − u − ε Λ_most and c − u. All but the first two are (m,): f, c − u, ε and Λ_most.
     """
-    from scipy.optimize import brentq  # not before it is used: it imports a good part of SciPy
-
-    impulses = impulses_at(u)
-
-    def slope(step: float) -> float:
-        change = impulses_at(u + step * faster) - impulses
-        return begin + step * inertia - float(faster @ change)
-
-    if slope(1.0) <= SLOPE_ALLOWED * abs(begin):
+    moves = (faster != 0.0) & np.isfinite(gives)
+    f, r, e = faster[moves], closing[moves], gives[moves]
+    parts = np.sort(np.clip([(r - e * most[moves]) / f, r / f], 0.0, 1.0), axis=0)
+    order = np.argsort(parts, axis=None)
+    knots = np.concatenate([[0.0], parts.ravel()[order], [1.0]])
+    changes = np.append(f**2 / e, -(f**2) / e)[order]
+    growths = inertia + np.cumsum(np.append(0.0, changes))
+    slopes = begin + np.cumsum(np.append(0.0, growths * np.diff(knots)))
+    if slopes[-1] <= SLOPE_ALLOWED * abs(begin):
         return 1.0
-    return float(brentq(slope, 0.0, 1.0, xtol=STEP_TOLERANCE))
+    k = int(np.argmax(slopes > 0.0))
+    return float(knots[k] - slopes[k] / growths[k - 1])

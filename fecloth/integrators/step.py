@@ -244,7 +244,7 @@ class Opening:
     @cached_property
     def equation(self) -> StageEquation:
         """The equation of the step, with exact tangents."""
-        return StageEquation(self.over, self.stage, "none")
+        return StageEquation(self.over.with_exact_tangents(), self.stage, "none")
 
     def residual(self, q: np.ndarray) -> np.ndarray:
         """R(q) = M a − f(x, v, t) along the free directions, (n, 3) [N]."""

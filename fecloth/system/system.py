@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy.sparse as sparse
+from scipy.sparse.linalg import splu
 
 from fecloth import validation
 from fecloth.compiled.team import Team
@@ -482,6 +483,10 @@ class System:
         ]
         return self._with_changed(changed, "with_history(record)")
 
+    def with_exact_tangents(self) -> Self:
+        """The system over a step, with the exact tangents of all terms."""
+        return self.with_bound(term.with_exact_tangent() for term in self.bound)
+
     def commit(self, state: State, history: History | None) -> History | None:
         """Return the records at the end of a step, for its new `state`; None without a history.
 
@@ -658,6 +663,11 @@ class System:
         """(f, f) ZᵀMZ [kg], with Z of `admissible`."""
         Z = self.admissible
         return (Z.T @ self.mass @ Z).tocsc()
+
+    @cached_property
+    def factor_of_mass(self) -> Any:
+        """The factor of `free_mass`."""
+        return splu(self.free_mass)
 
     @property
     def symmetric(self) -> bool:

@@ -393,14 +393,19 @@ class BoundTerm:
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for positions (n, 3) that the term does not allow."""
 
-    def touches(self, old: Any, new: Any, h: float) -> Any:
+    def touches(self, old: Any, new: Any, h: float, held: np.ndarray) -> Any:
         """The `contact.touches.Touches` at the end of a step from the `State` old to new, or None.
 
-        Its force at the end has changed the momentum by h [s] times itself.
+        Its force at the end has changed the momentum by h [s] times itself. `held` (n,) says
+        which nodes pins or slides hold.
 
         It is asked of the result of `over_step`: impulses then decide how fast they open.
         """
         return None
+
+    def with_exact_tangent(self) -> "BoundTerm":
+        """The term over a step with its exact tangent, if it has another one."""
+        return self
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
         """The least distance [m] of the cloth at x (n, 3) from an obstacle.

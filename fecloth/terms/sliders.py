@@ -123,6 +123,16 @@ class Sliders:
         H = (np.eye(3) - n[:, :, None] * n[:, None, :]) / larger[:, None, None]
         return self.moments[:, :, None] * H * self.moments[:, None, :]
 
+    def secant(self, e: np.ndarray) -> np.ndarray:
+        """(m, 3, 3) M²/max(s, s_y) [N m]: φ lies below the parabola with this curvature.
+
+        So Newton's iteration does not leap to and fro between sliding and sticking (Hunter and
+        Lange 2004, A Tutorial on MM Algorithms, Am. Stat. 58(1)).
+        """
+        larger = np.maximum(np.maximum(self._stretch(e)[1], self.limit), TINY)
+        H: np.ndarray = (self.moments**2 / larger[:, None])[:, :, None] * np.eye(3)
+        return H
+
     def left(self, e: np.ndarray) -> np.ndarray:
         """(m, 3) e after the sliders have slid, s = s_y where it was above [1/m]."""
         _, s = self._stretch(e)

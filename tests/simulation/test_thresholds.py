@@ -43,15 +43,18 @@ def test_energy_balance_warning_begins_at_a_twentieth(share, doubted, system):
     assert is_off(system, unexplained, moved=1.0 / share) == doubted
 
 
-@pytest.mark.parametrize(("times", "fails"), [(3.2, False), (5.0, True)])
-def test_a_run_fails_from_four_times_the_energy_that_was_supplied(times, fails, system):
-    """By what the ledger does not explain, and by what the method's own column says."""
+@pytest.mark.parametrize(
+    ("times", "first", "fails"),
+    [(3.2, None, False), (5.0, None, True), (4.8, 0.5, False), (7.5, 0.5, True)],
+)
+def test_a_run_fails_from_four_times_the_energy_that_was_supplied(times, first, fails, system):
+    """And that was made in the first step: by the ledger, or by the method's own column."""
     for values in ({"kinetic": 1.0 + times}, {"kinetic": 1.0 + times, "numerical": -times}):
         given = ledger(system, opening={"kinetic": 1.0, "StVK": 0.0}, **values)
         assert given.supplied == 1.0
         assert given.remainder - given.numerical == pytest.approx(times)
-        growth = Balance(0.0, times, supplied=1.0).describe_growth(system, given, MOST_GROWTH)
-        assert bool(growth) == fails
+        balance = Balance(0.0, times, supplied=1.0, first=first)
+        assert bool(balance.describe_growth(system, given, MOST_GROWTH)) == fails
         rest = Balance(0.0, 0.0, supplied=1.0)  # damping has taken it since
         assert not rest.describe_growth(system, given, MOST_GROWTH)
 

@@ -37,7 +37,11 @@ def check_slopes(system, x, t, rng, size=1e-6, limit=1e-5):
 
     By differences over `size`, which is small against the way to where a pair begins or ends.
     """
-    term, still, along = system.bound[-1], np.zeros_like(x), rng.standard_normal(x.shape)
+    term, still, along = (
+        system.bound[-1].with_exact_tangent(),
+        np.zeros_like(x),
+        rng.standard_normal(x.shape),
+    )
     ends, forces = (x + size * along, x - size * along), []
     for place in (*ends, x):
         forces.append(np.zeros_like(x))

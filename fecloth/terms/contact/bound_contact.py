@@ -96,10 +96,11 @@ class BoundContact(BoundTerm):
 
     # --- what a subclass has ------------------------------------------------------------------
 
-    def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
+    def find_touches(self, old: Any, new: Any, h: float, held: np.ndarray) -> Touches | None:
         """What it touches at the end of a step of time from the `State` old to new.
 
-        Over the step the barrier has changed the momentum by h [s] times its force.
+        Over the step the barrier has changed the momentum by h [s] times its force. `held` (n,)
+        says which nodes pins or slides hold.
         """
         raise NotImplementedError
 
@@ -297,10 +298,12 @@ class ContactOverStep(BoundTerm):
 
     λ and the directions of sliding are taken at the end of the last step, or over an `Increment`
     of the loads at its end, as far as it is known from the iteration before (`Increment.place`).
+    Over a step the tangent of sliding friction is a secant, unless it is asked to be `exact`.
     """
 
     contact: BoundContact
     step: StepDifference
+    exact: bool = False
 
     symmetric = True
     has_energy = True
@@ -319,7 +322,11 @@ class ContactOverStep(BoundTerm):
         step = self.step
         last = step.history or Touched(place=step.start, t=step.t)
         now = step.increment.place if step.increment else None
-        return self.contact.spring(last, step.end, now)
+        is_exact = self.exact or step.increment is not None
+        return self.contact.spring(last, step.end, now)._replace(exact=is_exact)
+
+    def with_exact_tangent(self) -> BoundTerm:
+        return replace(self, exact=True) if self.needs_path else self
 
     @cached_property
     def settled(self) -> LastStates[tuple[float, Touched]]:
@@ -332,8 +339,8 @@ class ContactOverStep(BoundTerm):
             return None
         return self.settled(x, self.end)[1]
 
-    def touches(self, old: Any, new: Any, h: float) -> Touches | None:
-        return self.contact.find_touches(old, new, h)
+    def touches(self, old: Any, new: Any, h: float, held: np.ndarray) -> Touches | None:
+        return self.contact.find_touches(old, new, h, held)
 
     def energy(self, x, t) -> float:
         """The energy of the barrier, and Σ φ(e) [J]."""

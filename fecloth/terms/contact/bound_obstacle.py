@@ -17,7 +17,7 @@ from fecloth.terms.contact.inside import refuse_inside
 from fecloth.terms.contact.near_points import Contacts, NearPoints
 from fecloth.terms.contact.points import Points
 from fecloth.terms.contact.surfaces import Triangles, surface_of
-from fecloth.terms.contact.touches import Touches, TouchingPoints, touches_at_nodes
+from fecloth.terms.contact.touches import Touches, TouchingPoints, collect
 from fecloth.terms.protocol import taken_from
 from fecloth.terms.step_difference import StepDifference
 
@@ -118,12 +118,11 @@ class BoundObstacle(BoundContact):
             work -= float(self.normal_force(contacts) @ change)  # a shape that grows: change < 0
         return work
 
-    def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
-        """What its points push at the end of a step, collected in the nodes."""
+    def find_touches(self, old: Any, new: Any, h: float, held: np.ndarray) -> Touches | None:
         kinds = [self._touching(contacts, old, new, h) for contacts in self.touching(new.x, new.t)]
         if not kinds:
             return None
-        return touches_at_nodes(kinds, old.v, self.restitution)
+        return collect(TouchingPoints.join(kinds), old.v, held, self.restitution)
 
     def _touching(self, contacts: Contacts, old: Any, new: Any, h: float) -> TouchingPoints:
         """The points of one kind that touch; see `find_touches`.
@@ -149,8 +148,9 @@ class BoundObstacle(BoundContact):
         v = self.shape.velocity(contacts.points.values(new.x, numbers), new.t)
         nodes, weights = contacts.points.weights(numbers)
         return TouchingPoints(
-            nodes=nodes,
-            weights=weights,
+            point=np.repeat(np.arange(len(nodes)), nodes.shape[1]),
+            node=nodes.ravel(),
+            weight=weights.ravel(),
             n=n,
             n_at_begin=n_at_begin,
             surface=np.einsum("pi,pi->p", n, v) + growth,

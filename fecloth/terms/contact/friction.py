@@ -120,17 +120,19 @@ class Springs:
         """(m, 3) e of the nodes at x (n, 3) [m]."""
         return along(self.n, self.grips.places.values(x) - self.anchors)
 
-    def tangent(self, x: np.ndarray) -> np.ndarray:
-        """(m, 3, 3) ∂²φ/∂x∂x [N/m], positive semi-definite."""
+    def tangent(self, x: np.ndarray, exact: bool) -> np.ndarray:
+        """(m, 3, 3) ∂²φ/∂x∂x [N/m], or the secant: both are positive semi-definite."""
         across = np.eye(3) - self.n[:, :, None] * self.n[:, None, :]
-        K: np.ndarray = across @ self.sliders.tangent(self.stretch(x)) @ across
+        of_law = self.sliders.tangent if exact else self.sliders.secant
+        K: np.ndarray = across @ of_law(self.stretch(x)) @ across
         return K
 
 
 class Friction(NamedTuple):
-    """The springs of all kinds of places of a contact."""
+    """The springs of all kinds of places of a contact; their tangent is `exact` or a secant."""
 
     springs: Sequence[Springs] = ()
+    exact: bool = True
 
     def energy(self, x: np.ndarray) -> float:
         """Σ φ(e) [J]."""
@@ -142,11 +144,13 @@ class Friction(NamedTuple):
             each.grips.places.add_force(-each.sliders.moment(each.stretch(x)), f)
 
     def add_tangent(self, x: np.ndarray, wx: float, J: BlockMatrix) -> None:
-        """J += wx ∂²φ/∂x∂x, where it is in the fixed pattern."""
+        """J += wx ∂²φ/∂x∂x or its secant, where it is in the fixed pattern."""
         for each in self.springs:
-            each.grips.places.add_tangent(wx * each.tangent(x), J)
+            each.grips.places.add_tangent(wx * each.tangent(x, self.exact), J)
 
     def couplings(self, x: np.ndarray, wx: float) -> list[sparse.spmatrix]:
         """The parts (3n, 3n) of wx ∂²φ/∂x∂x outside the fixed pattern."""
-        parts = [each.grips.places.coupling(wx * each.tangent(x)) for each in self.springs]
+        parts = [
+            each.grips.places.coupling(wx * each.tangent(x, self.exact)) for each in self.springs
+        ]
         return [part for part in parts if part is not None]

@@ -38,21 +38,31 @@ class PairPlaces:
     def add_tangent(self, K: np.ndarray, J: BlockMatrix) -> None:
         """Pairs change from step to step: all of their tangent is a `coupling`."""
 
-    def coupling(self, K: np.ndarray) -> sparse.csr_matrix | None:
+    def coupling(self, K: np.ndarray) -> sparse.bsr_matrix | None:
+        """Σ c_a c_b K of each pair, in the block of its nodes a and b."""
         if not len(K):
             return None
-        return (self.matrix.T @ self.times_matrix(K)).tocsr()
+        indptr, indices, coefficients = self.blocks
+        n = 3 * self.weights.shape[1]
+        values = (coefficients @ K.reshape(-1, 9)).reshape(-1, 3, 3)
+        return sparse.bsr_matrix((values, indices, indptr), shape=(n, n))
 
     @cached_property
-    def matrix(self) -> sparse.csr_matrix:
-        """(3m, 3n) the coefficients for each component."""
-        return sparse.kron(self.weights, sparse.identity(3), format="csr")
-
-    def times_matrix(self, blocks: np.ndarray) -> sparse.csr_matrix:
-        """The product of `matrix` with a block (k, 3) for each of the m pairs: (k m, 3n)."""
-        m = len(blocks)
-        diagonal = sparse.bsr_matrix((blocks, np.arange(m), np.arange(m + 1)))
-        return (diagonal @ self.matrix).tocsr()
+    def blocks(self) -> tuple[np.ndarray, np.ndarray, sparse.csr_matrix]:
+        """The rows and columns of k blocks, as in `BlockPattern`, and c_a c_b (k, m) there."""
+        m, n = self.weights.shape
+        number = np.arange(self.weights.nnz)  # of each coefficient
+        pair = np.repeat(np.arange(m), np.diff(self.weights.indptr))
+        ones = np.ones(len(number))
+        of_pair = sparse.csr_matrix((ones, (number, pair)), shape=(len(number), m))
+        both = (of_pair @ of_pair.T).tocoo()  # all a, b of the same pair
+        c, nodes = self.weights.data, self.weights.indices
+        places = nodes[both.row].astype(np.int64) * n + nodes[both.col]
+        numbers, block = np.unique(places, return_inverse=True)
+        entries = (c[both.row] * c[both.col], (block, pair[both.row]))
+        coefficients = sparse.csr_matrix(entries, shape=(len(numbers), m))
+        indptr = np.searchsorted(numbers, n * np.arange(n + 1, dtype=np.int64))
+        return indptr.astype(np.int32), (numbers % n).astype(np.int32), coefficients
 
     @cached_property
     def directions(self) -> sparse.csr_matrix:

@@ -1,7 +1,7 @@
 """What a contact touches at the end of a step: there impulses decide with what speed it opens."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
@@ -54,12 +54,13 @@ class Touches:
 
 @dataclass(frozen=True, eq=False)
 class TouchingPoints:
-    """The p points of one kind that touch an obstacle, in nodes and between them.
+    """The p points of a contact that touch, in nodes and between them.
 
     Attributes
     ----------
-    nodes, weights
-        The nodes (p, k) of each point, and their parts in the values there.
+    point, node, weight
+        For each of e pairs of a point and a node: the part that the node has in the motion of
+        the point.
     n, n_at_begin
         Normals (p, 3) at the end and at the begin of the step, of unit length.
     surface, surface_at_begin
@@ -68,88 +69,79 @@ class TouchingPoints:
         Impulses (p,) of the barrier over the step [N s].
     """
 
-    nodes: np.ndarray
-    weights: np.ndarray
+    point: np.ndarray
+    node: np.ndarray
+    weight: np.ndarray
     n: np.ndarray
     n_at_begin: np.ndarray
     surface: np.ndarray
     surface_at_begin: np.ndarray
     pushed: np.ndarray
 
-
-def touches_at_nodes(
-    kinds: Sequence[TouchingPoints], v_at_begin: np.ndarray, restitution: float
-) -> Touches:
-    """Return the touches of the m nodes that the points of all `kinds` push together.
-
-    A point a with the weights w_ia pushes the node i with w_ia Λ₀_a n_a. So the barrier gives the
-    node the impulse P_i = Σ_a w_ia Λ₀_a n_a: its normal is P_i/|P_i|, its Λ₀ is |P_i|, and its
-    surface has the speed of the points, weighted alike. `v_at_begin` (n, 3) are the velocities of
-    the nodes at the begin [m/s].
-    """
-    all_nodes = np.concatenate([kind.nodes.ravel() for kind in kinds])
-    impulses = [kind.weights * kind.pushed[:, None] for kind in kinds]  # w_ia Λ₀_a
-
-    def collect(name: str) -> np.ndarray:
-        """Σ_a w_ia Λ₀_a times the values (p, …) of this name at the points, at all nodes."""
-        values = [
-            impulse[..., None] * getattr(kind, name).reshape(len(impulse), 1, -1)
-            for kind, impulse in zip(kinds, impulses, strict=True)
+    @classmethod
+    def join(cls, kinds: Sequence[Self]) -> Self:
+        """The points of all kinds, in their order."""
+        first = np.cumsum([0, *(len(kind.n) for kind in kinds)])  # number of the first of a kind
+        numbered = [
+            replace(kind, point=kind.point + k) for kind, k in zip(kinds, first, strict=False)
         ]
-        flat = np.concatenate([value.reshape(-1, value.shape[-1]) for value in values])
-        n = len(v_at_begin)
-        return np.stack([np.bincount(all_nodes, each, n) for each in flat.T], axis=1)
-
-    P = collect("n")
-    size = np.linalg.norm(P, axis=1)
-    nodes = np.flatnonzero(size)
-    P_at_begin = collect("n_at_begin")[nodes]
-    along_begin = np.einsum("mi,mi->m", P_at_begin, v_at_begin[nodes])
-    along_begin -= collect("surface_at_begin")[nodes, 0]
-    m = len(nodes)
-    columns = 3 * nodes[:, None] + np.arange(3)
-    normals = P[nodes] / size[nodes, None]
-    rows = (normals.ravel(), columns.ravel(), np.arange(0, 3 * m + 1, 3))
-    place = np.cumsum(size > 0.0) - 1  # number of a pushed node among the pushed nodes
-    parts = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-    counts = np.concatenate([np.full(*kind.nodes.shape) for kind in kinds])
-    shares = (
-        np.concatenate([impulse.ravel() for impulse in impulses]) * parts[all_nodes],
-        np.maximum(place, 0)[all_nodes],
-        np.concatenate([[0], np.cumsum(counts)]),
-    )
-    return Touches(
-        rows=sparse.csr_matrix(rows, shape=(m, v_at_begin.size)),
-        surface=collect("surface")[nodes, 0] / size[nodes],
-        before=along_begin / np.linalg.norm(P_at_begin, axis=1),
-        pushed=size[nodes],
-        restitution=np.full(m, restitution),
-        shares=sparse.csr_matrix(shares, shape=(len(counts), m)),
-    )
+        return cls(
+            *(
+                np.concatenate([getattr(kind, each.name) for kind in numbered])
+                for each in fields(cls)
+            )
+        )
 
 
-def collect_at_nodes(
-    normals: sparse.csr_matrix, pushed: np.ndarray
-) -> tuple[sparse.csr_matrix, np.ndarray, sparse.csr_matrix]:
-    """Return the rows (k, 3n), impulses Λ₀ (k,) and `shares` (m, k) of k places of m pairs.
+def collect(
+    points: TouchingPoints, v_at_begin: np.ndarray, held: np.ndarray, restitution: float
+) -> Touches | None:
+    """Return the m places of the points that push; None if none of them does.
 
-    The `normals` (m, 3n) are the gradients of the distances from what is fixed, and `pushed` (m,)
-    the impulses of the barrier. All pairs that touch one node of the cloth alone are one place:
-    its impulse is Σ Λ₀_a n_a, as in `touches_at_nodes`. A pair that touches between nodes stays a
-    place of its own: where some of its nodes are held, the free nodes must move faster than what
-    pushes them.
+    A point a with the weights w_ia pushes the node i with w_ia Λ₀_a n_a. So the points give the
+    node the impulse P_i = Σ_a w_ia Λ₀_a n_a, and all of them are one place: its normal is
+    P_i/|P_i|, its Λ₀ is |P_i|, and its surface has the speed of the points, weighted alike. But
+    a point stays a place of its own if one of its nodes is `held` (n,): where some nodes cannot
+    follow what pushes the point, the others must be faster.
+
+    `v_at_begin` (n, 3) are the velocities of the nodes at the begin [m/s].
     """
-    is_at_node = np.diff(normals.indptr) == 3
-    first = normals.indices[normals.indptr[:-1][is_at_node]] // 3
-    nodes, place_of_node = np.unique(first, return_inverse=True)
-    m = len(pushed)
-    places = len(nodes) + np.cumsum(~is_at_node) - 1
-    places[is_at_node] = place_of_node
-    k = len(nodes) + (~is_at_node).sum()
-    parts = sparse.csr_matrix((pushed, (places, np.arange(m))), shape=(k, m))
-    P = (parts @ normals).tocsr()
-    size = np.array(P.power(2).sum(axis=1)).ravel() ** 0.5
-    size[len(nodes) :] = pushed[~is_at_node]  # such a row keeps the weights of its nodes
-    acts = size > 0.0
-    per_size = sparse.diags(1 / size[acts])
-    return (per_size @ P[acts]).tocsr(), size[acts], (parts[acts].T @ per_size).tocsr()
+    impulse = points.weight * points.pushed[points.point]  # w_ia Λ₀_a
+    acts = impulse != 0.0
+    if not acts.any():
+        return None
+    a, i, impulse = points.point[acts], points.node[acts], impulse[acts]
+    p, n = len(points.n), len(v_at_begin)
+    stays = np.zeros(p, bool)
+    stays[a[held[i]]] = True
+    # the numbers of nodes, and after them the numbers of points that stay
+    numbers, place = np.unique(np.where(stays[a], n + a, i), return_inverse=True)
+    m = len(numbers)
+    stay = numbers[numbers >= n] - n
+
+    def size_of(normals: np.ndarray) -> np.ndarray:
+        """|Σ_a w_ia Λ₀_a n_a| (m,) at nodes, and Λ₀ of points that stay."""
+        P = [np.bincount(place, each, m) for each in (impulse[:, None] * normals[a]).T]
+        size: np.ndarray = np.linalg.norm(P, axis=0)
+        size[numbers >= n] = points.pushed[stay]
+        return np.maximum(size, np.finfo(float).tiny)  # impulses may cancel
+
+    size, size_at_begin = size_of(points.n), size_of(points.n_at_begin)
+    of_point = np.bincount(a, np.abs(impulse), p)
+    parts = np.abs(impulse) / of_point[a] * points.pushed[a] / size[place]
+    shares = sparse.csr_matrix((parts, (a, place)), shape=(p, m))
+    columns = 3 * i[:, None] + np.arange(3)
+    entries = (impulse / size[place])[:, None] * points.n[a]
+    rows = sparse.csr_matrix(
+        (entries.ravel(), (np.repeat(place, 3), columns.ravel())), shape=(m, 3 * n)
+    )
+    along = np.einsum("ec,ec->e", points.n_at_begin[a], v_at_begin[i])
+    before = np.bincount(place, impulse * along, m) - size * (shares.T @ points.surface_at_begin)
+    return Touches(
+        rows=rows,
+        surface=shares.T @ points.surface,
+        before=before / size_at_begin,
+        pushed=size,
+        restitution=np.full(m, restitution),
+        shares=shares,
+    )

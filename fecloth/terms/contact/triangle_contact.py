@@ -16,9 +16,10 @@ from fecloth.terms.contact import barrier
 from fecloth.terms.contact.bound_contact import NO_FORCES, BoundContact, Touched
 from fecloth.terms.contact.friction import STICK_OVER_BARRIER, Grips
 from fecloth.terms.contact.inside import MOST_NAMED
+from fecloth.terms.contact.pairs import PairPlaces
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.toolkit import ContactSets
-from fecloth.terms.contact.touches import Touches, collect_at_nodes
+from fecloth.terms.contact.touches import Touches, TouchingPoints, collect
 from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import CONTACT
@@ -98,32 +99,35 @@ class BoundTriangleContact(BoundContact):
     def gap(self) -> float:  # type: ignore[override]  # a field in the base, here of the sets
         return self.sets.gap
 
-    def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
+    def find_touches(self, old: Any, new: Any, h: float, held: np.ndarray) -> Touches | None:
         y = self.place(new.x, new.t)
         if not len(self.sets.at(y)):
             return None
         pairs = self.sets.touching(y)
-        normals = pairs.places.times_matrix(pairs.n[:, None])
-        pushes = pairs.push
-        shares = sparse.identity(len(pushes), format="csr")
-        if len(self.sets.fixed):
-            normals, pushes, shares = collect_at_nodes(normals.tocsr(), pushes)
-        if not len(pushes):
-            return None
-        v_of_surface: np.ndarray = np.zeros_like(new.x)
-        rows = normals
-        if self.body is not None:
-            R = self.body.pose(new.t).R
-            v_of_surface = self.body.velocity(new.x, new.t) @ R
-            rows = normals @ sparse.kron(sparse.identity(len(y)), R.T, format="csr")
-        return Touches(
-            rows=rows,
-            surface=normals @ v_of_surface.ravel(),
-            before=normals @ self.slip(old.x, old.v, old.t).ravel(),
-            pushed=h * pushes,
-            restitution=np.full(len(pushes), self.restitution),
-            shares=shares,
+        weights = pairs.places.weights.tocoo()
+        n = pairs.n @ self.rotation(new.t).T
+        n_at_begin = pairs.n @ self.rotation(old.t).T
+        points = TouchingPoints(
+            point=weights.row,
+            node=weights.col,
+            weight=weights.data,
+            n=n,
+            n_at_begin=n_at_begin,
+            surface=self._speed_of_surface(pairs.places, n, new),
+            surface_at_begin=self._speed_of_surface(pairs.places, n_at_begin, old),
+            pushed=h * pairs.push,
         )
+        # Collected in nodes, the pairs of a cloth with itself would not keep its momentum.
+        stays = held if len(self.sets.fixed) else np.ones(len(y), bool)
+        return collect(points, old.v, stays, self.restitution)
+
+    def _speed_of_surface(self, places: PairPlaces, n: np.ndarray, state: Any) -> np.ndarray:
+        """Speeds (m,) of the fixed mesh along the normals n (m, 3) at a `State` [m/s]."""
+        if self.body is None:
+            return np.zeros(len(n))
+        v = places.values(self.body.velocity(state.x, state.t))
+        speeds: np.ndarray = np.einsum("mi,mi->m", n, v)
+        return speeds
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no triangle passes through another up to x + α s."""

@@ -15,6 +15,7 @@ from support.tiers import stories_except
 import fecloth as fc
 from fecloth.terms.contact.bound_contact import Touched
 from fecloth.terms.contact.pairs import PairPlaces
+from fecloth.terms.sliders import Sliders
 from fecloth.terms.step_difference import StepDifference
 
 # steps are coarse and meshes small by intent
@@ -67,7 +68,7 @@ def test_force_and_tangent_are_derivatives_of_the_energy(name, over, part, rng):
     record = stuck(system, x, t, rng, part)
     if over:
         step = replace(StepDifference.between(x, dt, t), history=record)
-        system = fc.System(cloth, FABRIC, [Over(obstacle, step)])
+        system = fc.System(cloth, FABRIC, [Over(obstacle, step)]).with_exact_tangents()
         t, x = t + dt, system.bound[0].contact.carried(x, t, t + dt)
     else:
         system = system.with_history((record,))
@@ -269,6 +270,24 @@ def test_a_patch_sticks_to_a_mesh_and_to_another_piece(kind, tmp_path):
     way = states[-1].x - states[29].x
     assert np.linalg.norm(way, axis=1).max() < 1e-7 * 0.3
     assert (states[-1].x - x)[: len(patch.X), 0].max() < 1e-3
+
+
+def test_no_friction_is_above_its_secant_parabola(rng):
+    """φ(e') ≤ φ(e) + φ'·(e' − e) + (e' − e)·H (e' − e)/2, with the energy's own slope."""
+    sliders = Sliders.of_contact(rng.uniform(0.5, 2.0, 200), rng.uniform(0.5, 2.0, 200))
+    e, other = rng.standard_normal((2, 200, 3)) * rng.uniform(0.1, 5.0, (2, 200, 1))
+    way = other - e
+    H = sliders.secant(e)
+    parabola = sliders.energy(e) + np.einsum("mi,mi->m", sliders.moment(e), way)
+    parabola += 0.5 * np.einsum("mi,mij,mj->m", way, H, way)
+    above = parabola - sliders.energy(other)
+    assert above.min() > -1e-12
+    sticks = np.linalg.norm(sliders.moment(e), axis=1) < 0.999 * sliders.moments[:, 0]
+    assert 10 < sticks.sum() < 190
+    np.testing.assert_allclose(H[sticks], sliders.tangent(e)[sticks])
+    touching = sliders.energy(e) - 2 * np.einsum("mi,mi->m", sliders.moment(e), e)
+    touching += 2 * np.einsum("mi,mij,mj->m", e, H, e)
+    np.testing.assert_allclose(touching, sliders.energy(-e))  # the least such H
 
 
 def test_a_stretch_is_handed_on_to_the_pair_of_the_same_material_points():

@@ -1,5 +1,7 @@
 """What impacts leave: impulses at the end of a step, their ledger, and fast obstacles."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -8,11 +10,11 @@ from conftest import flat
 from support.tiers import stories_except
 
 import fecloth as fc
-from fecloth.integrators.impacts import Places, inverse_of, is_impact
+from fecloth.integrators.impacts import Places, is_impact
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.doubts.terms import find_no_membrane
 from fecloth.simulation.fixed_step import FixedStep
-from fecloth.terms.contact.touches import collect_at_nodes
+from fecloth.terms.contact.touches import TouchingPoints, collect
 
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 
@@ -24,7 +26,7 @@ FLOOR = fc.shapes.Plane((0, 0, 0), (0, 0, 1))
 def places(G, m, v, pushed):
     """Places with the rows G (m, f) of nodes with masses m (f,) and velocities v (f,)."""
     mass = sparse.diags(m).tocsc()
-    return Places(mass, inverse_of(mass), sparse.csr_matrix(G), G @ v, np.asarray(pushed))
+    return Places(mass, lambda b: b / m, sparse.csr_matrix(G), G @ v, np.asarray(pushed))
 
 
 def test_the_impulses_of_connected_places_are_those_of_least_squares(rng):
@@ -245,16 +247,41 @@ def test_an_obstacle_around_the_flat_cloth_says_nothing_of_the_membrane():
     assert "nan" not in doubt.words
 
 
-def test_impulses_at_nodes_are_the_same_force(rng):
-    """Pairs at one node are one place; friction gets the impulses of the pairs."""
-    weights = np.array([[0.0, 1.0, 0.0], [0.2, 0.3, 0.5], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    n = rng.standard_normal((4, 3))
+def test_points_are_collected_at_nodes_but_beside_held_ones(rng):
+    """All points have the same force, speeds and friction; the last one does not push."""
+    weights = np.array([[0, 1, 0, 0], [0.2, 0.3, 0.5, 0], [0, 0, -0.4, -0.6], [1, 0, 0, 0]])
+    point, node = np.nonzero(weights)
+    n, n_at_begin = rng.standard_normal((2, 4, 3))
     n /= np.linalg.norm(n, axis=1)[:, None]
-    normals = np.einsum("ai,ac->aic", weights, n).reshape(4, 9)
-    pushed = np.array([2.0, 3.0, 1.0, 0.0])  # the last pair does not push
-    rows, size, shares = collect_at_nodes(sparse.csr_matrix(normals), pushed)
-    assert rows.shape == (2, 9)
-    np.testing.assert_allclose(rows.T @ size, normals.T @ pushed)
-    np.testing.assert_allclose(np.linalg.norm(rows[0].toarray()), 1.0)
-    np.testing.assert_allclose(rows[1].toarray()[0], normals[1])
-    np.testing.assert_allclose(shares @ size, pushed)
+    n_at_begin /= np.linalg.norm(n_at_begin, axis=1)[:, None]
+    surface, surface_at_begin = rng.standard_normal((2, 4))
+    v = rng.standard_normal((4, 3))
+    pushed = np.array([2.0, 3.0, 1.0, 0.0])
+    points = TouchingPoints(
+        point, node, weights[point, node], n, n_at_begin, surface, surface_at_begin, pushed
+    )
+    normals = np.einsum("ai,ac->aic", weights, n).reshape(4, 12)
+    opens = np.einsum("ai,ac,ic->a", weights, n_at_begin, v) - surface_at_begin
+    for held, m in ((np.zeros(4, bool), 4), (np.arange(4) == 3, 4), (np.ones(4, bool), 3)):
+        touches = collect(points, v, held, restitution=0.5)
+        assert touches.rows.shape == (m, 12)
+        np.testing.assert_allclose(touches.rows.T @ touches.pushed, normals.T @ pushed)
+        np.testing.assert_allclose(touches.surface @ touches.pushed, surface @ pushed)
+        np.testing.assert_allclose(touches.shares @ touches.pushed, pushed)
+        stays = held[node[point == 2]].any()
+        assert np.isclose(np.linalg.norm(touches.rows.toarray(), axis=1), 1.0).all() != stays
+    np.testing.assert_allclose(touches.before, opens[:3])
+    np.testing.assert_allclose(touches.rows.toarray(), normals[:3])
+    assert collect(replace(points, pushed=0 * pushed), v, held, 0.5) is None
+
+
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
+def test_a_ball_lifts_triangles_with_nodes_that_are_held(method):
+    """It rises by 2 mm a step: the free nodes must be faster than the points that it pushes."""
+    cloth, tip, t_end = fc.Cloth.rectangle(0.2, 0.2, 0.1), -0.002, 0.02
+    ball = fc.shapes.Sphere((0.107, 0.02, tip - 0.03), 0.03, motion=(0, 0, "0.5 * t"))
+    terms = [fc.StVK(), fc.Obstacle(ball, GAP)]
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), terms, ["boundary"])
+    result = fc.run(system, method, system.rest(), dt=0.004, t_end=t_end)
+    assert result.state.x[:, 2].max() > tip + 0.5 * t_end
+    assert system.bound[-1].allows(result.state.x, t_end)
