@@ -70,6 +70,8 @@ def test_a_cloth_that_falls_on_it_stays_above(table):
 
 def test_mistakes(table, tmp_path):
     cloth = fc.Cloth.rectangle(0.3, 0.2, 0.1)
+    with pytest.raises(MeshError, match="no such file"):
+        fc.System(cloth, FABRIC, [fc.MeshObstacle(tmp_path / "none.stl")])
     lines = tmp_path / "lines.vtu"
     meshio.write_points_cells(lines, CORNERS, [("line", np.array([[0, 1]]))])
     with pytest.raises(MeshError, match="no triangles"):
