@@ -78,10 +78,12 @@ def test_a_curve_that_goes_down_is_read_backwards():
 
 
 def test_rows_without_a_value_are_left_out():
+    """The curve begins at the place of s = 1/8 then, and its tangent there goes back to 0."""
     first = row()
-    first["values"][1][0] = np.nan
+    first["values"][1][:5] = 5 * [np.nan]
     result = computed_curve(first, 1, 0, points(), None)
     assert result.values == pytest.approx(2 * PLACES**2, rel=1e-4)
+    assert result.start == pytest.approx(-2 * (0.5 / 8 + 1 / 8**3) ** 2, rel=1e-2)
 
 
 def test_a_curve_needs_two_rows_in_order():
