@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from support.rundirs import assert_same_files, gone_on, interrupted, written
 from support.strips import scene_file
-from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth import integrators
@@ -117,7 +116,8 @@ scene = scene_file(TEXT + RUNS["midpoint"], "sheet")
 KILLED = RUNS.keys() - {"midpoint", "StabilityLimited"}
 
 
-@pytest.mark.parametrize("name", stories_except(sorted(KILLED), "BDF2"))
+@pytest.mark.stories
+@pytest.mark.parametrize("name", sorted(KILLED))
 def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     if name == "vtkhdf":
         pytest.importorskip("h5py")

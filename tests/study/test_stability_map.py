@@ -1,6 +1,7 @@
 """`stability`: measured limits against known ones, ranges and ties, mistakes, the command."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -96,6 +97,21 @@ def test_the_steps_next_to_the_limit_are_as_close_as_growth_is_seen():
         assert listed == [math.ceil(count / part) for part in parts]
 
 
+@cache
+def problem():
+    return StudyProblem.of(sheet, h=0.5, t_end=0.2)
+
+
+def row(status, steps, seconds=1.0):
+    """A run of so many steps."""
+    of_run = {"problem": problem(), "method": "bdf2", "values": {}, "predicted": None}
+    return of_run | {"status": status, "steps": steps, "dt": 1 / steps, "cpu_seconds": seconds}
+
+
+def next_counts(rows, most_seconds=None):
+    return [run.work.steps for run in list_next_runs(rows, most_seconds)]
+
+
 @pytest.mark.parametrize(
     ("statuses", "seconds", "counts"),
     [
@@ -109,24 +125,12 @@ def test_the_steps_next_to_the_limit_are_as_close_as_growth_is_seen():
     ],
 )
 def test_shorter_and_longer_steps_run_until_both_ends_are_known(statuses, seconds, counts):
-    problem = StudyProblem.of(sheet, h=0.5, t_end=0.2)
-    row = {"problem": problem, "method": "bdf2", "values": {}, "predicted": None}
-    rows = [
-        {**row, "status": status, "steps": steps, "dt": 1 / steps, "cpu_seconds": seconds}
-        for status, steps in zip(statuses, (8, 16, 32), strict=True)
-    ]
-    listed = list_next_runs(rows, 10.0)
-    assert [run.work.steps for run in listed] == counts
+    rows = zip(statuses, (8, 16, 32), strict=True)
+    assert next_counts([row(*each, seconds) for each in rows], 10.0) == counts
 
 
 def test_a_single_step_is_the_longest():
-    problem = StudyProblem.of(sheet, h=0.5, t_end=0.2)
-    row = {"problem": problem, "method": "bdf2", "values": {}, "predicted": None, "status": "ok"}
-    counts = [
-        [run.work.steps for run in list_next_runs([row | {"steps": n, "dt": 1 / n}], None)]
-        for n in (1, 2, 3)
-    ]
-    assert counts == [[], [1], [2]]
+    assert [next_counts([row("ok", steps)]) for steps in (1, 2, 3)] == [[], [1], [2]]
 
 
 def test_runs_that_were_stopped_say_nothing(scene):

@@ -80,13 +80,14 @@ def test_specimens_differ_by_the_deviation_within_each_direction():
 def test_one_specimen_a_direction_tells_only_the_sum_of_both():
     """One constant, a and −a: left out, each is off by 2 a, with the variance 2 φ²."""
     a = 0.03
-    scale = scale_of([column("0", [1.0], [a]), column("90", [1.0], [-a])])
+    columns = [column("0", [1.0], [a]), column("90", [1.0], [-a])]
+    scale = scale_of(columns)
     assert np.isnan(scale.specimens)
     assert np.isnan(scale.law)
     assert scale.both == pytest.approx(np.sqrt(2) * a, rel=0.01)
-    stated = scale_of([column("0", [1.0], [a]), column("90", [1.0], [-a])], stated=0.01)
+    stated = scale_of(columns, stated=0.01)
     assert stated.law == pytest.approx(np.sqrt(2 * a**2 - 0.01**2), rel=0.01)
-    assert scale_of([column("0", [1.0], [a]), column("90", [1.0], [-a])], stated=0.1).law == 0.0
+    assert scale_of(columns, stated=0.1).law == 0.0
 
 
 def test_the_variance_of_a_prediction_by_its_definition():

@@ -16,12 +16,17 @@ from fecloth.study.fitting.words import mean_and_next
 BOTH_SIDES = pytest.mark.parametrize(("factor", "is_below"), [(0.8, True), (1.25, False)])
 
 
-def facts_of(J, r, scatter=None, names=None):
-    """Statistics of residuals r, in units of their uncertainty, with ∂r/∂u = J."""
-    J, r = np.array(J, dtype=float), np.array(r, dtype=float)
+def column_of(J, r, scatter=None):
+    """Residuals r of a curve, in units of their uncertainty, with ∂r/∂u = J."""
     points = Measured("f", "f", "N", 0 * r, 1 + 0 * r, np.arange(len(r)), scatter)
     specimen = SimpleNamespace(experiment=SimpleNamespace(fitted=True))
-    return statistics(Evaluation(np.zeros(J.shape[1]), {}, (Column(specimen, points, r, J),)))
+    return Column(specimen, points, r, J)
+
+
+def facts_of(J, r, scatter=None):
+    """Statistics of one curve."""
+    J, r = np.array(J, dtype=float), np.array(r, dtype=float)
+    return statistics(Evaluation(np.zeros(J.shape[1]), {}, (column_of(J, r, scatter),)))
 
 
 X = np.linspace(1.0, 10.0, 10)
@@ -139,9 +144,7 @@ def test_residuals_that_follow_each_other_count_as_fewer_points():
 def test_the_worst_curve_tells_that_the_law_is_wrong():
     """χ² of 9 of 10 points alone, times two curves: pooled with a good curve it would be hidden."""
     size = np.sqrt(scipy.stats.chi2.isf(0.4 * WRONG_LAW, 9.5) / 10)
-    points = Measured("f", "f", "N", 0 * X, 1 + 0 * X, X)
-    specimen = SimpleNamespace(experiment=SimpleNamespace(fitted=True))
-    columns = [Column(specimen, points, f * np.ones(10), X[:, None]) for f in (size, 0.0)]
+    columns = [column_of(X[:, None], f * np.ones(10)) for f in (size, 0.0)]
     facts = statistics(Evaluation(np.zeros(1), {}, tuple(columns)))
     assert facts.probability == pytest.approx(0.8 * WRONG_LAW, rel=1e-6)
     assert facts.law_fails
