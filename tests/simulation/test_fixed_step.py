@@ -9,6 +9,7 @@ import fecloth as fc
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.resolve import choose_steps
+from fecloth.simulation.solves import Solves
 from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.simulation.step_times import ChosenSteps
 
@@ -65,6 +66,7 @@ def test_a_fixed_step_is_the_same_run_as_its_method_with_dt(system):
     assert np.array_equal(by_value.state.x, by_dt.state.x)
     assert by_value.method == by_dt.method == method
     assert len(by_dt.times) == 11
+    assert by_dt.accounts[Solves].steps == by_dt.steps == 10
 
 
 def test_a_choice_of_the_user_decides_every_step(system):
