@@ -316,6 +316,26 @@ def test_no_friction_is_above_its_secant_parabola(rng):
     np.testing.assert_allclose(touching, sliders.energy(-e))  # the least such H
 
 
+@pytest.mark.parametrize(("axis", "least", "most"), [((0, 0, 1), 0.0, 0.05), ((1, 0, 0), 0.8, 1.05)])
+def test_the_torque_on_two_layers_that_turn_together(axis, least, most):
+    """None about their normal; about an axis in their plane up to μ λ times their distance."""
+    pytest.importorskip("ipctk")
+    gap, mu, d = 2e-3, 0.5, 1.8e-3
+    layers = fc.Cloth.rectangle(0.1, 0.1, 0.03), fc.Cloth.rectangle(0.09, 0.09, 0.028)
+    cloth = fc.Cloth.join(list(layers), ["lower", "upper"])
+    x = np.vstack([flat(layers[0]), flat(layers[1]) + [5e-3, 5e-3, d]])
+    (term,) = fc.System(cloth, FABRIC, [fc.SelfContact(gap, mu, stiffness=1e3)]).bound
+    (grips,) = term.grips(x, 0.0)
+    record = Touched(place=x, t=0.0)
+    over = term.over_step(replace(StepDifference.between(x, 0.01, 0.0), history=record))
+    turned = x @ fc.Rotation((0, 0, 0), axis, "t").matrix(0.04, since=0.0).T
+    f = np.zeros_like(x)
+    over.friction.add_force(turned, f)
+    assert abs(f.sum(axis=0)).max() < 1e-12 * abs(f).sum()
+    torque = np.linalg.norm(np.cross(turned, f).sum(axis=0))
+    assert least <= torque / (mu * grips.push.sum() * d) <= most
+
+
 def test_a_stretch_is_handed_on_to_the_pair_of_the_same_material_points():
     """From a triangle to the one beside it; with the other sign where the parts are exchanged."""
     before = PairPlaces(sparse.csr_matrix([[1, -0.5, -0.5, 0, 0], [0, 0, 0, 0, 1.0]]))
