@@ -14,6 +14,7 @@ from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.terms.contact.bound_contact import Touched
+from fecloth.terms.contact.friction import Grips
 from fecloth.terms.contact.pairs import PairPlaces
 from fecloth.terms.sliders import Sliders
 from fecloth.terms.step_difference import StepDifference
@@ -316,7 +317,9 @@ def test_no_friction_is_above_its_secant_parabola(rng):
     np.testing.assert_allclose(touching, sliders.energy(-e))  # the least such H
 
 
-@pytest.mark.parametrize(("axis", "least", "most"), [((0, 0, 1), 0.0, 0.05), ((1, 0, 0), 0.8, 1.05)])
+@pytest.mark.parametrize(
+    ("axis", "least", "most"), [((0, 0, 1), 0.0, 0.05), ((1, 0, 0), 0.8, 1.05)]
+)
 def test_the_torque_on_two_layers_that_turn_together(axis, least, most):
     """None about their normal; about an axis in their plane up to μ λ times their distance."""
     pytest.importorskip("ipctk")
@@ -347,6 +350,12 @@ def test_a_stretch_is_handed_on_to_the_pair_of_the_same_material_points():
     e, other = np.array([1.0, 2.0, 0.0]), np.array([0.0, 3.0, 0.0])
     handed = after.hand_on(before, np.array([e, other]))
     np.testing.assert_array_equal(handed, [e, -e, 0 * e, other])
+    n = np.tile([0.0, 0.6, 0.8], (4, 1))  # only what lies along the new surface stays
+    kinds = [Grips(before, n[:2], np.ones(2), np.ones(2))]
+    grips = Grips(after, n, np.ones(4), np.ones(4))
+    left = grips.hand_on(kinds, [np.array([e, other])])
+    np.testing.assert_allclose(left, along(n, handed), atol=1e-15)
+    assert grips.stored(left) == pytest.approx(0.5 * (left**2).sum(), rel=1e-12)
 
 
 def on_a_plane(h, velocity=0.0, mu=0.4, **plate):
