@@ -26,8 +26,6 @@ from fecloth.errors import closest
 def test_input_error_message_has_value_limit_place_and_remedy(kind, arguments, text):
     error = kind(*arguments)
     assert str(error) == text
-    padded = (*arguments, "", "", "")[:4]
-    assert (error.what, error.allowed, error.where, error.remedy) == padded
 
 
 @pytest.mark.parametrize("kind", [fc.SolveFailed, fc.IndefiniteMatrix])
@@ -35,11 +33,6 @@ def test_solve_failed_states_its_residual(kind):
     error = kind("CG stopped after 30 iterations", 2.5e-3, 1e-6)
     assert str(error) == (
         "CG stopped after 30 iterations (relative residual 2.50e-03, required 1.00e-06)"
-    )
-    assert (error.reason, error.residual, error.rtol) == (
-        "CG stopped after 30 iterations",
-        2.5e-3,
-        1e-6,
     )
     assert str(kind("not positive definite")) == "not positive definite"  # no residual, no "nan"
 
@@ -56,15 +49,8 @@ def test_step_failed_states_step_residual_and_stretch():
         "(relative residual 3.40e-02; most deformed triangle 77 with a principal stretch of "
         "0.031). Take a smaller dt."
     )
-    error = failed()
-    assert (error.reason, error.step, error.t, error.dt) == (
-        "Newton did not converge",
-        12,
-        0.11,
-        0.01,
-    )
-    assert (error.residual, error.stretch, error.triangle) == (3.4e-2, 0.031, 77)
-    assert (error.state, error.remedy) == ("the last good one", "Take a smaller dt.")
+    known = {"reason": "Newton did not converge", "state": "the last good one", "triangle": 77}
+    assert known.items() <= vars(failed()).items()
 
 
 def test_step_failed_of_a_static_scene_has_parts_of_the_loads():

@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from support.scene_texts import STRIP
+from support.wrong_calls import CLOTH, START, SYSTEM
 
 import fecloth as fc
 from fecloth import terms
@@ -25,7 +26,7 @@ RIGHT = dict.fromkeys(("center", "point", "a", "velocity"), (0.0, 0.0, 0.0))
 RIGHT |= dict.fromkeys(("axis", "b", "size", "force"), (1.0, 1.0, 1.0))
 RIGHT |= {"where": "left", "shape": fc.shapes.Sphere((0, 0, 0), 1.0), "path": "a.stl"}
 RIGHT |= {"formula": "z", "name": "tip", "angle": "t", "method": fc.BDF2(), "nodes": [[0, 1]]}
-RIGHT |= {"value": lambda y: y, "cloth": fc.Cloth.rectangle(1.0, 1.0, 0.5, pattern="right")}
+RIGHT |= {"value": lambda y: y, "cloth": CLOTH}
 RIGHT |= {"fabric": fc.Fabric(0.1, 10.0), "terms": [fc.StVK()]}
 # what may be any object until a cloth is there: node sets, functions, the path of a file, words
 CHECKED_LATER = {
@@ -47,12 +48,6 @@ def required(target):
     needed = {name for name, each in parameters.items() if each.default is each.empty}
     right = RIGHT | ({"normal": (0, 0, 1)} if target in SHAPES else {})
     return {name: right.get(name, 1.0) for name in needed}
-
-
-def run(**given):
-    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.5, pattern="right")
-    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], ["left"])
-    return fc.run(system, fc.BDF2(), system.rest(), **given)
 
 
 @pytest.mark.parametrize("target", CLASSES + FUNCTIONS, ids=lambda target: target.__qualname__)
@@ -85,10 +80,9 @@ def test_lengths_and_times_may_be_texts_with_units(tmp_path):
     cloth = fc.Cloth.rectangle("100 cm", "50 cm", h="250 mm", pattern="right")
     assert np.array_equal(cloth.X, fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right").X)
     assert np.array_equal(fc.Cloth.disk("20 cm", "10 cm").X, fc.Cloth.disk(0.2, 0.1).X)
-    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK(), fc.Gravity()], pins=["left"])
-    times = fc.run(system, fc.BDF2(), system.rest(), dt="5 ms", t_end="0.01 s").times
+    times = fc.run(SYSTEM, fc.BDF2(), START, dt="5 ms", t_end="0.01 s").times
     assert np.array_equal(times, [0.0, 0.005, 0.01])
-    steps = fc.march(system, fc.BDF2(), system.rest(), ["1 ms", "2 ms"])
+    steps = fc.march(SYSTEM, fc.BDF2(), START, ["1 ms", "2 ms"])
     assert [info.dt for _, info in steps] == pytest.approx([0.001, 0.002])
     assert fc.Adaptive(fc.BDF2(), longest="3 ms").longest == 0.003
     (tmp_path / "a.geo").write_text('SetFactory("OpenCASCADE");\nDisk(1) = {0, 0, 0, 0.2};\n')
@@ -109,14 +103,11 @@ def test_a_study_takes_texts_with_units_and_further_arguments_as_they_are():
 
 
 def test_a_warning_of_a_run_stands_at_its_call():
-    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
-    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK(), fc.Gravity()], pins=["left"])
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        fc.run(system, fc.BackwardEuler(), system.rest(), dt=0.2, t_end=0.4)
-        pressed = system.rest().x * (0.9, 1, 1)  # a flat cloth, compressed: unstable
-        plane = system.replace(terms=[fc.StVK()], pins=["left", "right"])
-        fc.equilibrium(plane, plane.state(pressed, 0 * pressed))
+        fc.run(SYSTEM, fc.BackwardEuler(), START, dt=0.2, t_end=0.4)
+        plane = SYSTEM.replace(terms=[fc.StVK()], pins=["left", "right"])
+        fc.equilibrium(plane, plane.state(START.x * (0.9, 1, 1)))  # flat, compressed: unstable
     assert any("unstable" in str(each.message) for each in caught)
     assert {each.filename for each in caught} == {__file__}
 

@@ -177,3 +177,4 @@ def test_the_version_is_the_same_everywhere():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["version"] == fc.__version__
     assert f"## {fc.__version__}" in read("CHANGELOG.md")
+    assert f"version: {fc.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

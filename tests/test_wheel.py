@@ -107,13 +107,6 @@ def test_a_clean_environment_runs_a_scene(version, wheel, tmp_path):
     assert (tmp_path / "out" / "flag" / "run.pvd").exists()
 
 
-def test_the_version_is_said_once():
-    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert f"version: {PROJECT['version']}\n" in citation
-    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert f"## {PROJECT['version']}" in changes
-
-
 @pytest.mark.parametrize("shell", ["bash", "zsh"])
 def test_the_shell_completes_commands_and_options(shell):
     shtab = pytest.importorskip("shtab")

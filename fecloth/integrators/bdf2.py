@@ -26,12 +26,15 @@ class Change:
     dt
         Size of that step [s].
     dx, dv
-        (n, 3) Δx [m] and Δv [m/s].
+        (n, 3) Δx [m] and Δv [m/s]: of a cloth that has always moved as it does after the impacts.
+    by_impacts
+        (n, 3) the part of Δx [m] by which this differs from what the cloth has moved; None for 0.
     """
 
     dt: float
     dx: np.ndarray
     dv: np.ndarray
+    by_impacts: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,9 @@ class BDF2(WithMemory):
     def difference(self, state: State, dt: float, last: Change | None) -> StepDifference:
         """The method's rate of y(x): (y₁ − (1 + e) y₀ + e y₋)/(b dt).
 
+        After impacts, with their part J of Δx₋, y₋ is y(x₀ − Δx₋ + J), where the cloth has been,
+        less (y(x₀ + J) − y(x₀ − J))/2, the change of y along J that is exact for y quadratic in x:
+        a strain of straight ways that turn a triangle is none that it ever had.
         The rate of the first step is the trapezoidal rule's, (y₁ − y₀)/(dt/2) − ẏ₀, with ẏ₀ as
         the difference between x₀ ± dt/2 v₀ that is exact for y quadratic in x.
         """
@@ -103,8 +109,13 @@ class BDF2(WithMemory):
             past = (1.0, x), (0.5, x + half_step), (-0.5, x - half_step)
             return StepDifference(x, dt, 0.5 * dt, past, t=state.t)
         e, b_dt = _coefficients(dt, last)
-        both_before = (1 + e, x), (-e, x - last.dx)
-        return StepDifference(x, dt, b_dt, both_before, t=state.t)
+        jump = last.by_impacts
+        if jump is None:
+            both_before = (1 + e, x), (-e, x - last.dx)
+            return StepDifference(x, dt, b_dt, both_before, t=state.t)
+        by_jump = (0.5 * e, x + jump), (-0.5 * e, x - jump)
+        both_before = (1 + e, x), (-e, x - last.dx + jump)
+        return StepDifference(x, dt, b_dt, (*both_before, *by_jump), t=state.t)
 
     def _open(self, begin: Begin, solver: SolverContext | None) -> Opening:
         """Open a step after the step that left the memory of `begin`; q = v₁ − v₀.
@@ -182,5 +193,9 @@ def _make_memory(opening: Opening, struck: Struck) -> Change:
     new = struck.state
     dt = new.t - old.t
     h = opening.stage.w_end
-    dx = new.x - old.x + (dt - h) * struck.stroke + h * struck.beyond
-    return Change(dt, dx, new.v - old.v - struck.stroke)
+    dx = new.x - old.x
+    jump = None
+    if struck.stroke.any():
+        jump = (dt - h) * struck.stroke + h * struck.beyond
+        dx = dx + jump
+    return Change(dt, dx, new.v - old.v - struck.stroke, jump)

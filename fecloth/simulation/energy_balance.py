@@ -49,8 +49,12 @@ class Balance(Account):
         have taken. It is the same for every observer.
     kinetic
         Largest kinetic energy so far, with the rigid motion [J].
+    lost
+        Largest energy so far that damping, the method and impacts have taken in all [J].
     gained
-        Largest energy that the method had made in all until then, by its own formula [J].
+        Largest energy that these have given back after they had taken `lost`: the energy of the
+        cloth has grown by it, and no load has done that work [J]. What one of them gives while
+        another takes it is no gain.
     supplied
         Largest `Ledger.supplied` so far [J].
     remainder
@@ -68,6 +72,7 @@ class Balance(Account):
     deforming: float
     moved: float = 0.0
     kinetic: float = 0.0
+    lost: float = 0.0
     gained: float = 0.0
     supplied: float = 0.0
     remainder: float = 0.0
@@ -109,11 +114,13 @@ class Balance(Account):
         deforming = kinetic_of_deformation(system, new, ledger.kinetic, pin_v)
         taken = ledger.lost_inside + abs(ledger.numerical)
         moved = deforming + stored_by_deformation(system, ledger) + taken
+        lost = max(self.lost, ledger.lost)
         return self.changed(
             deforming=deforming,
             moved=max(self.moved, moved),
             kinetic=max(self.kinetic, ledger.kinetic),
-            gained=max(self.gained, -ledger.numerical),
+            lost=lost,
+            gained=max(self.gained, lost - ledger.lost),
             supplied=max(self.supplied, ledger.supplied),
             remainder=ledger.remainder,
         )
@@ -191,8 +198,8 @@ def doubt_gain(run: Run, balance: Balance) -> Doubt | None:
     if balance.gained <= LARGEST_REMAINDER * moved:
         return None
     words = (
-        f"numerical dissipation was below zero: the method has made {balance.gained:.3g} J, "
-        f"where {moved:.3g} J moved, as its steps do not resolve how contacts push"
+        f"the energy of the cloth has grown by {balance.gained:.3g} J without work, where "
+        f"{moved:.3g} J moved: the steps do not resolve how contacts push"
     )
     remedy = f"take BackwardEuler, or {name_shorter_steps(run.method)}"
     return Doubt(DoubtKind.GAIN, words, remedy)

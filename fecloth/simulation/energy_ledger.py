@@ -179,6 +179,11 @@ class Ledger(Account):
         return sum(self.opening.values())
 
     @property
+    def lost(self) -> float:
+        """What damping, the method and impacts have taken since the start [J]."""
+        return sum(self.dissipated.values()) + self.numerical + (self.impacts or 0.0)
+
+    @property
     def lost_outside(self) -> float:
         """Dissipation by what also resists a rigid motion [J]."""
         return sum(self.dissipated[name] for name in self.resisting)
@@ -209,8 +214,7 @@ class Ledger(Account):
     @property
     def remainder(self) -> float:
         """Energy that the other columns do not explain [J]."""
-        lost = sum(self.dissipated.values()) + self.numerical + (self.impacts or 0.0)
-        return self.total + lost - sum(self.work.values()) - self.pins - self.start
+        return self.total + self.lost - sum(self.work.values()) - self.pins - self.start
 
     def amounts(self) -> list[float]:
         """Return all terms of the remainder's difference [J]."""

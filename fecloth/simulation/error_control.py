@@ -10,6 +10,7 @@ import numpy as np
 from fecloth.errors import InputError, SolveFailed, is_number
 from fecloth.integrators import protocol
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
+from fecloth.nonlinear.equation import has_limits
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.quantities.arguments import checks_arguments
@@ -31,9 +32,9 @@ LEAST_GROWTH = 1.2
 MOST_ATTEMPTS = 40
 SMALL_ERROR = 0.1  # over the allowed error; a step with less is sampled inside for pulses
 LARGEST_FIRST_STEP = 10.0  # over the flight that estimates the error of the first step
-# A step that begins or ends in contact may err by as much as this time of motion [s].
+# With contact, a step of any size may err by as much as this time of motion [s].
 TIME_OF_CONTACT = 1.0
-# Iterations of such a step: after more the next step is half as long, after fewer it may be longer.
+# Of a step that touches: after more the next step is half as long, after fewer it may be longer.
 MOST_ITERATIONS = 12
 FEW_ITERATIONS = 4
 
@@ -53,8 +54,6 @@ class Control:
         (n, 3) mean acceleration of the last step [m/s²].
     t
         Time of the middle of the last step [s].
-    touched
-        Whether the last step ended in contact.
     method_memory
         The memory of the method itself.
     """
@@ -63,7 +62,6 @@ class Control:
     error: float
     a: np.ndarray
     t: float
-    touched: bool = False
     method_memory: object = None
 
     @property
@@ -128,9 +126,11 @@ class Adaptive(ChosenSteps):
     tolerance, or one that Newton cannot solve, is rejected and tried shorter.
 
     At an impact the acceleration jumps, and no step is short enough for a bound for each second.
-    A step that begins or ends in contact may therefore err by atol + rtol R times a second,
-    whatever its size is. Its work decides, too: after more than 12 iterations of Newton's method
-    the next step is half as long, and it is longer only after fewer than 4.
+    With a contact among the terms each step, of any size, may therefore err by atol + rtol R
+    times a second. Shorter steps before the first touch would gain nothing that the impacts leave.
+    Where a step touches, the acceleration may change within dt, and its work decides, too: after
+    more than 12 iterations of Newton's method the next step is half as long, and it is longer
+    only after fewer than 4.
 
     The ends of a step do not show a short motion inside it. A step with little error is
     therefore sampled, at sixteen times for the motion of pins and at five for loads that
@@ -191,17 +191,20 @@ class Adaptive(ChosenSteps):
         """Choose the first step so that its error, estimated by differences, is the allowed one.
 
         They are taken over a short flight with moving pins; the step is at most
-        LARGEST_FIRST_STEP times that flight. Source: Hairer, Nørsett and Wanner (1993), Solving
-        Ordinary Differential Equations I, II.4.
+        LARGEST_FIRST_STEP times that flight. A flight does not see what the cloth touches: with
+        contact the acceleration alone decides, and the error of that step. Source: Hairer,
+        Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, II.4.
         """
         a = acceleration(system, state)
         rate = self.allowed(system, state)
         c = self._error_constant
         size = system.sums.rms(system.diagonal_mass, a)
         dt = longest
+        touches = has_limits(system)
         if size > 0:
-            dt = min(longest, rate / (c * size))
-        if self.traits.order == 2:
+            dt = rate / (c * size)
+            dt = min(longest, math.sqrt(TIME_OF_CONTACT * dt) if touches else dt)
+        if self.traits.order == 2 and not touches:
             flight = dt
             x = state.x + flight * state.v + 0.5 * flight**2 * a  # the cloth falls past its pins
             ahead = State(state.t + flight, x, state.v + flight * a)
@@ -288,7 +291,7 @@ class Adaptive(ChosenSteps):
         """Return the memory after a step of dt [s]; see `Control`."""
         most = _growth_by_work(step.counts.newton) if step.touches else LONGEST
         following = self._next_dt(dt, control, error, most)
-        return Control(following, min(error, 1.0), a, t, step.touches, step.memory)
+        return Control(following, min(error, 1.0), a, t, step.memory)
 
     def _shortening(self, error: float) -> float:
         """Return the next attempt over the attempt that failed with this error."""
@@ -304,7 +307,7 @@ class Adaptive(ChosenSteps):
         p = self.traits.order
         # a change of p a/dt in the derivative, times dt^(p + 1)
         length = deviation + self._error_constant * p * dt**2 * push
-        return length / (dt * self.allowed(system, step.state))
+        return length / self._allowed_in(system, step.state, dt)
 
     def _next_dt(self, dt: float, control: Control, error: float, most: float = LONGEST) -> float:
         """Return the next step [s] by the errors e of this step and of the step before it.
@@ -346,6 +349,11 @@ class Adaptive(ChosenSteps):
         distances = state.x - system.sums.mean(mass, state.x)
         return self.atol + self.rtol * system.sums.rms(mass, distances)
 
+    def _allowed_in(self, system: System, state: State, dt: float) -> float:
+        """Return the allowed error of x in a step of dt [m]."""
+        seconds = TIME_OF_CONTACT if has_limits(system) else dt
+        return seconds * self.allowed(system, state)
+
     def error(self, system: System, old: State, step: Step, control: Control):
         """Return the mean acceleration (n, 3) of a step, its time, and the step's relative error.
 
@@ -360,12 +368,13 @@ class Adaptive(ChosenSteps):
         order = self.traits.order
         derivative = a
         if order > 1:
-            derivative = (a - control.a) / (t - control.t)
+            seconds = t - control.t
+            if step.touches:  # the acceleration may jump within this step
+                seconds = min(seconds, dt)
+            derivative = (a - control.a) / seconds
         rate = system.sums.rms(system.diagonal_mass, derivative)
-        error = self._error_constant * dt**order * rate
-        error /= self.allowed(system, new)
-        if step.touches or control.touched:
-            error *= dt / TIME_OF_CONTACT
+        error = self._error_constant * dt ** (order + 1) * rate
+        error /= self._allowed_in(system, new, dt)
         if not math.isfinite(error):
             error = math.inf
         return a, t, error

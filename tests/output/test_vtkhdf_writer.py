@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.rundirs import hdf_values, written
+from support.swinging import swinging
 from support.tiers import stories_except
 
 import fecloth as fc
@@ -52,14 +53,6 @@ class Reader:
         return points, cells.reshape(grid.GetNumberOfCells(), -1), *arrays, grid.GetCellType(0)
 
 
-def swinging(element):
-    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.2, element=element)
-    terms = [fc.StVK(), fc.Gravity()]
-    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), terms, pins=["left"])
-    steps = fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.02, t_end=0.1)
-    return system, [system.rest(), *(state for state, info in steps)]
-
-
 def gathered(folder, system, states):
     """The states in one file, written as frames first."""
     write_vtk(folder / "run", system.cloth, states, system)
@@ -68,7 +61,7 @@ def gathered(folder, system, states):
 
 @pytest.mark.parametrize(("element", "cell"), [("P1", 5), ("P2", 22)])
 def test_vtk_reads_every_value_at_every_time(element, cell, tmp_path):
-    system, states = swinging(element)
+    system, states = swinging(element, h=0.2, dt=0.02, t_end=0.1)
     read = Reader(gathered(tmp_path, system, states))
     assert read.times == [state.t for state in states]
     for state in (*states, *states[::-1]):  # forwards and back, as one drags a slider
@@ -85,7 +78,7 @@ def test_vtk_reads_every_value_at_every_time(element, cell, tmp_path):
 
 
 def test_the_topology_is_shared(tmp_path):
-    system, states = swinging("P1")
+    system, states = swinging(h=0.2, dt=0.02, t_end=0.1)
     file = gathered(tmp_path, system, states)
     n, m = len(system.cloth.X), len(system.cloth.triangles)
     h5py = pytest.importorskip("h5py")

@@ -102,8 +102,13 @@ def test_what_dampings_and_the_method_take_has_moved_too(cloth):
     rest = system.rest()
     after = balance.after(system, rest, replace(rest, t=1.0), ledger)
     assert after.moved == pytest.approx(1.0 + 4.0 + 0.5 + 0.25)
-    assert after.gained == 0.5
+    assert after.gained == 0.25
     assert after.remainder == ledger.remainder
+    fallen = replace(ledger, t=2.0, numerical=2.0, impacts=0.5)
+    risen = replace(fallen, t=3.0, numerical=1.75, impacts=0.25, dissipated={damping: 0.375})
+    after = after.after(system, rest, replace(rest, t=2.0), fallen)
+    after = after.after(system, rest, replace(rest, t=3.0), risen)
+    assert (after.lost, after.gained) == (2.75, 0.375)  # 2.75 J had gone, then 2.375 J
 
 
 @pytest.mark.parametrize(

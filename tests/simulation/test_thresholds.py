@@ -43,15 +43,18 @@ def test_energy_balance_warning_begins_at_a_twentieth(share, doubted, system):
     assert is_off(system, unexplained, moved=1.0 / share) == doubted
 
 
-@pytest.mark.parametrize(("times", "fails"), [(3.2, False), (5.0, True)])
-def test_a_run_fails_from_four_times_the_energy_that_was_supplied(times, fails, system):
-    """By what the ledger does not explain, and by what the method's own column says."""
+@pytest.mark.parametrize(
+    ("times", "first", "fails"),
+    [(3.2, None, False), (5.0, None, True), (4.8, 0.5, False), (7.5, 0.5, True)],
+)
+def test_a_run_fails_from_four_times_the_energy_that_was_supplied(times, first, fails, system):
+    """And that was made in the first step: by the ledger, or by the method's own column."""
     for values in ({"kinetic": 1.0 + times}, {"kinetic": 1.0 + times, "numerical": -times}):
         given = ledger(system, opening={"kinetic": 1.0, "StVK": 0.0}, **values)
         assert given.supplied == 1.0
         assert given.remainder - given.numerical == pytest.approx(times)
-        growth = Balance(0.0, times, supplied=1.0).describe_growth(system, given, MOST_GROWTH)
-        assert bool(growth) == fails
+        balance = Balance(0.0, times, supplied=1.0, first=first)
+        assert bool(balance.describe_growth(system, given, MOST_GROWTH)) == fails
         rest = Balance(0.0, 0.0, supplied=1.0)  # damping has taken it since
         assert not rest.describe_growth(system, given, MOST_GROWTH)
 
@@ -72,6 +75,16 @@ def test_an_adaptive_step_keeps_its_size_below_a_growth_of_a_fifth(factor, kept)
     assert method._next_dt(0.01, control, error) == pytest.approx(0.01 if kept else 0.01 * factor)
 
 
+@pytest.mark.parametrize(
+    ("error", "part"),
+    [(1.01, 0.9 * 1.01**-0.5), (0.5, 0.9), (9.0, 0.3), (1e9, error_control.SHORTEST)]
+    + [(math.nan, error_control.SHORTEST)],
+)
+def test_an_attempt_with_a_large_error_is_shortened_by_it(error, part):
+    """By 0.9 e^(−1/p), at least by a tenth."""
+    assert fc.Adaptive(fc.BDF2())._shortening(error) == pytest.approx(part)
+
+
 @pytest.mark.parametrize(("growth", "limited"), [(1.04, False), (1.0625, True)])
 def test_an_explicit_step_grows_by_a_twentieth_at_most(growth, limited, system):
     """After many steps the limit is computed again; here it is `growth` times the last step."""
@@ -81,6 +94,13 @@ def test_an_explicit_step_grows_by_a_twentieth_at_most(growth, limited, system):
     old = replace(start, dt=start.dt / growth, steps=stability_limited.UPDATE_STEPS)
     new = method._update(system, state, old)
     assert new.dt == pytest.approx(old.dt * (1.05 if limited else growth), rel=1e-6)
+
+
+def test_explicit_steps_are_counted_to_the_next_limit(system):
+    method, memory = stability_limited.StabilityLimited(fc.CentralDifference()), None
+    for number in (1, 2):
+        memory = method.step(system, system.rest(), 1.0, None, memory).memory
+        assert memory.steps == number
 
 
 @pytest.mark.parametrize(("share", "doubted"), [(0.8e-3, False), (1.25e-3, True)])

@@ -4,13 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from support.rundirs import rows_of
 from support.strips import scene_file
 
 import fecloth as fc
-from fecloth.cli import main as cli
-from fecloth.integrators import studied_by
-from fecloth.study.figures import MOST_GROUPS
 from fecloth.study.problem import StudyProblem
 from fecloth.study.stability_map import describe_best, describe_range
 from fecloth.study.stability_runs import counts_of, energy_made, list_next_runs, range_of
@@ -163,18 +159,3 @@ def test_energy_made():
     energies = {"kinetic": kinetic, "Gravity": gravity, "pins": np.zeros(3)}
     energies["total"] = kinetic + gravity
     assert energy_made(energies) == pytest.approx(1 / 5)  # 1 J of the 3 J + 2 J that moved
-
-
-def test_the_command(scene, tmp_path, capsys):
-    folder = tmp_path / "out"
-    wrong = ["--over", "fabric.areal_density=-1,0", "--methods", "central_difference"]
-    assert cli.main(["stability", str(scene), *wrong, "-o", str(folder)]) == 2
-    assert not folder.exists()
-    over = ["--over", "fabric.areal_density=0.2", "--methods", "central_difference"]
-    assert cli.main(["stability", str(scene), *over, "-o", str(folder)]) == 0
-    rows = rows_of(folder / "results.csv")
-    assert rows[0]["measured over predicted"] in ("0.93–1.1", "0.94–1.1")
-    assert len(rows_of(folder / "runs.csv")) == 6
-    assert (folder / "figure.png").exists()
-    assert "central_difference holds the longest step" in capsys.readouterr().out
-    assert len(studied_by("stability")) == MOST_GROUPS

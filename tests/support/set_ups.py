@@ -1,10 +1,12 @@
 """Set-ups that `tests/messages/set_ups.txt` names, and what is said of them before a run."""
 
 import numpy as np
+from support.linear_term import LinearMembrane as LinearMembrane
 from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.simulation.doubts.before_run import OF_RUNS
+from fecloth.simulation.doubts.course import find_flat_start
 from fecloth.simulation.doubts.pins import find_free_fall, find_free_turn
 from fecloth.simulation.doubts.terms import find_unused_bending
 
@@ -74,5 +76,24 @@ def unused(*given, **constants):
     return told(terms=(fc.StVK(), *given), fabric=fabric, doubts=[find_unused_bending])
 
 
+def in_plane(*loads, z=0.0, height=0.0):
+    """What is noted of a plate that starts in the plane at z, or with waves."""
+    terms = (fc.StVK(), fc.HingeBending(), *loads)
+
+    def start(cloth):
+        return np.column_stack([cloth.X, z + height * np.sin(30 * cloth.X[:, 0])])
+
+    return told(terms=terms, fabric=STIFF, start=start, doubts=[find_flat_start])
+
+
 class Own(fc.StVK):
     """A term of a user, which may use any constant."""
+
+
+def error_in_space(*given, height=0.02):
+    """What is said of the error in space of a sheet with waves of this height."""
+    system = fc.System(CLOTH, fc.Fabric(**STIFF), given)
+    X, Y = CLOTH.X.T
+    wave = height * np.sin(30 * X + 1) * np.cos(20 * Y)
+    state = system.state(np.column_stack([CLOTH.X * (1.0 + height), wave]))
+    return [str(fc.space_error(system, state))]

@@ -13,6 +13,8 @@ import pytest
 from support import matrices as matrices
 from support.examples import example as example
 from support.local_link import LocalLink as LocalLink
+from support.sewn_strips import SEAM as SEAM
+from support.sewn_strips import halves as halves
 from support.study_functions import fail_or_return as fail_or_return
 from support.study_functions import return_setting as return_setting
 
@@ -259,7 +261,6 @@ RING = [[0, 0], [3, 0], [3, 3], [0, 3], [1, 1], [2, 1], [2, 2], [1, 2], [1.5, 1.
 FRAME = [[0, 1, 4], [1, 5, 4], [1, 2, 5], [2, 6, 5], [2, 3, 6], [3, 7, 6], [3, 0, 7], [0, 4, 7]]
 
 # sewn cloths, and cloths laid down
-SEAM = fc.Seam("a.right", "b.left")
 MOVED = ("0.1*t", 0, 0)
 CORNERED = fc.Cloth.rectangle(0.2, 0.2, h=0.05, pattern="right")
 DART = fc.Cloth.from_arrays(
@@ -267,13 +268,6 @@ DART = fc.Cloth.from_arrays(
     [(0, 1, 2), (2, 3, 4), (2, 4, 5), (2, 5, 6), (2, 6, 7), (2, 7, 0)],
     sets={"left": [1, 2], "right": [2, 3]},
 )
-
-
-@cache
-def halves(h=(0.125, 0.1), apart=0.0, element="P1"):
-    """Two halves of a strip of 1 m by 0.25 m, whose edges match only for equal h."""
-    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=size, element=element) for size in h)
-    return fc.Cloth.join([a, replace(b, X=b.X + (0.5 + apart, 0.0))], names=["a", "b"])
 
 
 def sewn(*seams, cloth=None, pins=(), fabric=ISOTROPIC):

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.sewn_strips import SEAM, halves
 from support.tiers import stories_except
 from support.wrong_calls import ISOTROPIC as FABRIC
-from support.wrong_calls import SEAM, halves
 
 import fecloth as fc
 from fecloth.simulation.load_steps import LoadSteps

@@ -4,27 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.sewn_strips import SEAM, halves, in_order, whole_and_cut
 
 import fecloth as fc
 from fecloth import verify
 
 FABRIC = fc.Fabric(0.2, 1000.0, poisson_ratio=0.3, bending_rigidity=(1e-2, 2e-2))
-
-
-def shifted(cloth: fc.Cloth, X: float) -> fc.Cloth:
-    return replace(cloth, X=cloth.X + (X, 0.0))
-
-
-def strips(element: str, gap: float = 0.0, turned: bool = False) -> tuple[fc.Cloth, fc.Cloth]:
-    """A strip of 1 m, and the same one cut in two; the halves lie apart by a gap."""
-    whole = fc.Cloth.rectangle(1.0, 0.25, h=0.125, pattern="cross", element=element)
-    half = fc.Cloth.rectangle(0.5, 0.25, h=0.125, pattern="cross", element=element)
-    return whole, fc.Cloth.join([half, shifted(half, 0.5 + gap)], names=["a", "b"])
-
-
-def sorted_by_place(X: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    places = np.round(X[nodes], 9)
-    return nodes[np.lexsort((places[:, 1], places[:, 0]))]
 
 
 @pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
@@ -34,12 +19,12 @@ def test_the_plate_goes_on_across_a_seam_of_cloth(element, bending):
     """The pieces lie 0.3 m apart on the flat cloth."""
     if element == "P2" and isinstance(bending, fc.HingeBending):
         pytest.skip("HingeBending is for P1")
-    whole, cut = strips(element, gap=0.3)
+    whole, cut = whole_and_cut(element, "cross", apart=0.3)
     terms = [fc.StVK(), bending, fc.Gravity((0, 0, -9.81))]
     ends = []
     for cloth, pin, seams in (
         (whole, "left", ()),
-        (cut, "a/left", [fc.Seam("a.right", "b.left", stiffness="cloth")]),
+        (cut, "a/left", [replace(SEAM, stiffness="cloth")]),
     ):
         system = fc.System(cloth, FABRIC, terms, pins=[fc.Pin(pin)], seams=seams)
         place = cloth.X - np.where(cloth.X[:, :1] > 0.6, 0.3, 0.0) * (1, 0) if seams else cloth.X
@@ -48,8 +33,7 @@ def test_the_plate_goes_on_across_a_seam_of_cloth(element, bending):
         result = fc.run(
             system, fc.BDF2(), start, dt=1e-3, t_end=5e-3, newton=fc.Newton(tolerance=1e-12)
         )
-        own = np.setdiff1d(np.arange(len(x)), system.constraints.followers.nodes)
-        nodes = sorted_by_place(place, own)
+        nodes = in_order(system, place)
         ends.append((result.state.x[nodes], system.energies(start)[type(bending).__name__]))
     (x, energy), (x_sewn, energy_sewn) = ends
     assert energy_sewn == pytest.approx(energy, rel=1e-12)
@@ -60,10 +44,9 @@ def test_the_plate_goes_on_across_a_seam_of_cloth(element, bending):
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_the_energy_of_a_folded_seam_is_its_closed_form(element, h):
     """½ k l (θ − θ₀)² of two flat halves at the angle θ."""
-    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=size, pattern="right", element=element) for size in h)
-    cloth = fc.Cloth.join([a, shifted(b, 0.5)], names=["a", "b"])
+    cloth = halves(h, element=element, pattern="right")
     for seam in (
-        fc.Seam("a.right", "b.left", stiffness=3.0, angle=0.2),
+        replace(SEAM, stiffness=3.0, angle=0.2),
         fc.Seam("b.left", "a.right", stiffness=3.0, angle=0.2),
     ):
         system = fc.System(cloth, FABRIC, [fc.StVK()], seams=[seam])
@@ -78,9 +61,8 @@ def test_the_energy_of_a_folded_seam_is_its_closed_form(element, h):
 
 def test_the_error_in_space_is_that_of_the_cloth_beside_the_seam():
     """The spring is no strain: at equal positions the estimate is the one with a hinge."""
-    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=h, pattern="right") for h in (0.0625, 0.05))
-    cloth = fc.Cloth.join([a, shifted(b, 0.5)], names=["a", "b"])
-    seam = fc.Seam("a.right", "b.left", stiffness=0.02)
+    cloth = halves((0.0625, 0.05), pattern="right")
+    seam = replace(SEAM, stiffness=0.02)
     terms = [fc.StVK(), fc.PlateBending(), fc.Gravity((0, 0, -0.5))]
     pins = [fc.Pin("a/left", clamp=True)]
     system = fc.System(cloth, FABRIC, terms, pins, seams=[seam])
@@ -94,9 +76,8 @@ def test_the_error_in_space_is_that_of_the_cloth_beside_the_seam():
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_seam_bending_passes_the_slope_test(element):
-    a, b = (fc.Cloth.rectangle(0.5, 0.25, h=h, element=element) for h in (0.125, 0.08))
-    cloth = fc.Cloth.join([a, shifted(b, 0.5)], names=["a", "b"])
-    seam = fc.Seam("a.right", "b.left", stiffness=3.0, angle=0.2)
+    cloth = halves((0.125, 0.08), element=element)
+    seam = replace(SEAM, stiffness=3.0, angle=0.2)
     random = np.random.default_rng(1)
     X, Y = cloth.X.T
     x = np.column_stack([X, Y, 0.3 * np.maximum(X - 0.5, 0.0)])

@@ -4,15 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.sewn_strips import SEAM, halves, in_order, shifted, whole_and_cut
 from support.tiers import in_turn
-from support.wrong_calls import CORNERED, DART, SEAM, halves
+from support.wrong_calls import CORNERED, DART
 from support.wrong_calls import ISOTROPIC as FABRIC
 
 import fecloth as fc
-
-
-def shifted(cloth: fc.Cloth, X: float, Y: float = 0.0) -> fc.Cloth:
-    return replace(cloth, X=cloth.X + (X, Y))
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
@@ -43,21 +40,9 @@ def test_a_pulled_strip_has_its_closed_form(element):
     np.testing.assert_allclose(x, expected, atol=1e-11)
 
 
-def whole_and_cut(element: str) -> tuple[fc.Cloth, fc.Cloth]:
-    """A strip, and the same one cut in two."""
-    whole = fc.Cloth.rectangle(1.0, 0.25, h=0.125, pattern="right", element=element)
-    half = fc.Cloth.rectangle(0.5, 0.25, h=0.125, pattern="right", element=element)
-    return whole, fc.Cloth.join([half, shifted(half, 0.5)], names=["a", "b"])
-
-
-def sorted_by_place(cloth: fc.Cloth, nodes: np.ndarray) -> np.ndarray:
-    X = np.round(cloth.X[nodes], 9)
-    return nodes[np.lexsort((X[:, 1], X[:, 0]))]
-
-
 def both_strips(element: str, mass: str):
     """Systems of the whole strip and of the sewn one, a start of each, and their common nodes."""
-    whole, cut = whole_and_cut(element)
+    whole, cut = whole_and_cut(element, "right")
     terms = [fc.StVK(), fc.StrainRateDamping(time=0.01), fc.Gravity((0, 0, -9.81))]
     systems = (
         fc.System(whole, FABRIC, terms, pins=["left"], mass=mass),
@@ -67,8 +52,7 @@ def both_strips(element: str, mass: str):
         X = system.cloth.X
         x = np.column_stack([X, 0.05 * np.sin(3 * X[:, 0])])
         v = np.column_stack([0 * X[:, 0], X[:, 0], 0 * X[:, 0]])
-        own = np.setdiff1d(np.arange(len(X)), system.constraints.followers.nodes)
-        yield system, system.state(x, v), sorted_by_place(system.cloth, own)
+        yield system, system.state(x, v), in_order(system, X)
 
 
 METHODS = [
@@ -192,7 +176,7 @@ def test_corners_of_four_pieces_are_one_node():
 
 @pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
 def test_a_pin_on_a_node_that_follows_holds_its_leader():
-    _, cut = whole_and_cut("P1")
+    _, cut = whole_and_cut("P1", "right")
     system = fc.System(cut, FABRIC, [fc.StVK(), fc.Gravity()], pins=["b/left"], seams=[SEAM])
     assert set(system.constraints.nodes) == set(cut.nodes("a/right"))
     rest = system.rest()
@@ -237,12 +221,9 @@ def smooth(X: np.ndarray) -> np.ndarray:
 def test_errors_beside_a_seam_that_does_not_match_have_order_2(element, order):
     """A known deformation in the plane, under the body force that belongs to it."""
     errors = []
-    for n in (8, 16, 32):
-        a, b = (
-            fc.Cloth.rectangle(0.5, 0.25, h=0.5 / m, pattern="right", element=element)
-            for m in (n, 3 * n // 2 - 1)
-        )
-        cloth = fc.Cloth.join([a, shifted(b, 0.5)], names=["a", "b"])
+    for n in (8, 16):
+        sizes = 0.5 / n, 0.5 / (3 * n // 2 - 1)
+        cloth = halves(sizes, element=element, pattern="right")
         X = cloth.X
         exact = np.column_stack([smooth(X), 0 * X[:, 0]])
         border = np.isin(X[:, 0], (0.0, 1.0)) | np.isin(X[:, 1], (0.0, 0.25))
@@ -259,7 +240,7 @@ def test_errors_beside_a_seam_that_does_not_match_have_order_2(element, order):
         )
         x = fc.equilibrium(system, system.state(exact), tolerance=1e-10).x
         errors.append(np.sqrt(np.mean(np.sum((x - exact) ** 2, axis=1))))
-    assert np.log2(errors[1] / errors[2]) > order - 0.2
+    assert np.log2(errors[0] / errors[1]) > order - 0.2
 
 
 def test_edges_that_meet_are_sewn_from_where_they_meet():
@@ -279,3 +260,14 @@ def test_a_pin_on_both_edges_of_a_seam_holds_one():
         for pins in (["a/right", "b/left"], ["a/right"])
     ]
     assert len(free[0]) == len(free[1])
+
+
+def test_seams_may_follow_seams():
+    """Four pieces, each sewn to the next one along the same edge: all follow the first."""
+    cloth = fc.Cloth.join([fc.Cloth.rectangle(0.5, 0.25, h=0.25 / n) for n in (4, 5, 6, 7)], "abcd")
+    seams = [fc.Seam(f"{first}.left", f"{second}.left") for first, second in ("ab", "bc", "cd")]
+    system = fc.System(cloth, FABRIC, [fc.StVK()], seams=seams)
+    followers = system.constraints.followers
+    leaders = followers.T[followers.nodes].indices
+    assert set(leaders) <= set(cloth.nodes("a/left"))
+    assert np.abs(followers.gap(system.rest().x @ np.diag([1.1, 0.9, 1.0]))).max() < 1e-15

@@ -99,58 +99,6 @@ def error_of(*terms, x=None, fabric=PLATE, cloth=None):
     return fc.space_error(system, system.state(wavy(cloth) if x is None else x))
 
 
-class Foundation:
-    """A user's spring to the ground."""
-
-    def stencil(self, cloth):
-        return None
-
-    def bind(self, panel, slots):
-        return BoundFoundation()
-
-
-class BoundFoundation(fc.BoundTerm):
-    name = "Foundation"
-    symmetric = has_energy = True
-    dissipative = velocity_dependent = False
-
-    def energy(self, x, t):
-        return float((x**2).sum())
-
-    def add_force(self, x, v, t, f):
-        f -= 2 * x
-
-    def add_tangent(self, *data):
-        pass
-
-
-REFUSED = [
-    ("HingeBending bends with a rigidity that depends", [fc.StVK(), fc.HingeBending()]),
-    ("QuadraticBending bends with a rigidity that depends", [fc.StVK(), fc.QuadraticBending()]),
-    ("BaraffWitkin states no stress", [fc.BaraffWitkin(), fc.PlateBending()]),
-    ("Springs states no stress", [fc.Springs()]),
-    ("TensionField leaves the strain across", [fc.TensionField()]),
-    ("Foundation states no stress", [fc.StVK(), Foundation()]),
-    ("no term stores energy", [fc.Gravity(), fc.StrainRateDamping(time=0.1)]),
-]
-
-
-@pytest.mark.parametrize(("why", "terms"), REFUSED)
-def test_refused_terms_are_named(why, terms):
-    error = error_of(*terms, fabric=ISOTROPIC)
-    assert math.isnan(error.relative)
-    assert error.reason.startswith(why)
-    assert str(error) == f"error in space: no estimate, as {error.reason}"
-
-
-def test_a_cloth_at_rest_has_no_estimate():
-    cloth = square("unstructured", 5)
-    flat = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-    error = error_of(fc.StVK(), fc.PlateBending(), x=flat, cloth=cloth)
-    assert error.reason == "the cloth is not strained"
-    assert not error.density.any()
-
-
 def folded(n, edges, height=0.3):
     """A sheet with folds along Y that are `edges` edges wide, pulled along Y by a per cent."""
     cloth = square("right", n)

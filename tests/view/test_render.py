@@ -8,11 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from support.swinging import swinging
 
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.output.frame_reader import Frame, Series, field_values, unit_of_field
-from fecloth.output.frames import Frames
+from fecloth.output.frames import Frames, write_vtk
 from fecloth.output.obstacle_frames import ObstacleFrames
 from fecloth.view.checker_pattern import material_coordinates, square_side
 
@@ -22,14 +23,10 @@ imageio = pytest.importorskip("imageio.v2")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Five frames of a sheet that swings down from its left edge."""
+    """Five frames of a swinging sheet."""
     folder = tmp_path_factory.mktemp("run")
-    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.15)
-    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK(), fc.Gravity()], pins=["left"])
-    frames = Frames(folder / "run", cloth, system)
-    frames.add(system.rest())
-    for state, _ in fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.1, t_end=0.4):
-        frames.add(state)
+    system, states = swinging(dt=0.1)
+    write_vtk(folder / "run", system.cloth, states, system)
     return folder
 
 

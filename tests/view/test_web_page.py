@@ -8,7 +8,8 @@ import re
 import numpy as np
 import pytest
 from support.browsers import chromium
-from test_html_report import SCENE
+from support.swinging import swinging
+from test_html_report import data_of, report, unpacked
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -23,31 +24,13 @@ from fecloth.view.charts import Chart, draw
 Image = pytest.importorskip("PIL.Image")
 
 
-def falling(element="P1"):
-    """A sheet that swings down from its left edge: (system, states)."""
-    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.15, element=element)
-    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK(), fc.Gravity()], pins=["left"])
-    steps = fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.05, t_end=0.4)
-    return system, [system.rest(), *(state for state, info in steps)]
-
-
 @pytest.fixture(scope="module", params=["P1", "P2"])
 def run(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
-    system, states = falling(request.param)
-    frames = Frames(folder / "run", system.cloth, system)
-    for state in states:
-        frames.add(state)
+    system, states = swinging(request.param)
+    write_vtk(folder / "run", system.cloth, states, system)
     assert main(["view", str(folder), "--no-open"]) == 0
     return folder, system, states, (folder / "view.html").read_text(encoding="utf-8")
-
-
-def data_of(page):
-    return json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
-
-
-def shorts(text):
-    return np.frombuffer(base64.b64decode(text), "<u2").astype(float)
 
 
 def test_the_page_holds_the_motion_and_the_fields(run):
@@ -55,14 +38,15 @@ def test_the_page_holds_the_motion_and_the_fields(run):
     data = data_of(page)
     assert data["times"] == [state.t for state in states]
     assert data["start"] == len(states) - 1  # it opens at the end of the motion
-    low, span = np.array(data["low"]), np.subtract(data["high"], data["low"])
-    shown = low + span * shorts(data["points"]).reshape(len(states), -1, 3) / 65535
-    assert np.abs(shown - [state.x for state in states]).max() <= 0.51 * span.max() / 65535 + 1e-7
+    span = np.subtract(data["high"], data["low"])
+    shown = unpacked(data["points"], data["low"], data["high"])
+    x = np.concatenate([state.x for state in states])
+    assert np.abs(shown - x).max() <= 0.51 * span.max() / 65535 + 1e-7
     assert [field["title"] for field in data["fields"]] == [
         *("larger_stretch", "smaller_stretch", "velocity", "displacement", "energy_density")
     ]
     speed = data["fields"][2]
-    values = speed["low"] + (speed["high"] - speed["low"]) * shorts(speed["values"]) / 65535
+    values = unpacked(speed["values"], speed["low"], speed["high"])
     wanted = np.array([np.linalg.norm(state.v, axis=1) for state in states])
     assert np.abs(values.reshape(wanted.shape) - wanted).max() <= 1e-4 * wanted.max()
     assert speed["per"] == "node"
@@ -87,8 +71,8 @@ def test_overflowing_values_are_drawn_as_the_largest_finite_one(run):
     data = web_page.pack_frames([frame], ["energy_density"])
     (field,) = json.loads(json.dumps(data, allow_nan=False))["fields"]
     assert (field["low"], field["high"]) == (energy[4:].min(), 9e58)
-    shown = shorts(field["values"])
-    assert np.all(shown[:4] == 65535)
+    shown = unpacked(field["values"], 0, 1)
+    assert np.all(shown[:4] == 1)
     assert np.all(shown[4:] == 0)
     curve = np.array([1.0, 9e58, 1e308, -1e308])
     assert len(draw([Chart("energy", "[J]", np.arange(4.0), {"W": curve})])) == 1
@@ -113,7 +97,7 @@ def test_every_straight_triangle_is_drawn_once_and_as_oriented(run):
 
 def test_one_file_and_many_hold_the_same(tmp_path):
     pytest.importorskip("h5py")
-    system, states = falling()
+    system, states = swinging()
     write_vtk(tmp_path / "a" / "run", system.cloth, states, system)
     (tmp_path / "b").mkdir()
     gather(Series.open(tmp_path / "a"), tmp_path / "b" / "run.vtkhdf")
@@ -240,23 +224,15 @@ def test_it_fits_phone_and_desk(run, browser, width):
     assert not cloth[:, [0, -1]].any()
 
 
-@pytest.fixture(scope="module")
-def phone(browser, tmp_path_factory):
-    """report.html of a run on a phone, as a context that tests take pages of."""
-    folder = tmp_path_factory.mktemp("report")
-    (folder / "sheet.toml").write_text(SCENE, encoding="utf-8")
-    assert main(["run", str(folder / "sheet.toml"), "-o", str(folder / "run"), "--quiet"]) == 0
-    page = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
-    page.goto((folder / "run" / "report.html").as_uri())
-    yield page
-    page.close()
-
-
 @pytest.mark.stories
-def test_the_report_fits_a_phone(phone):
-    for summary in phone.locator("summary").all():
+def test_the_report_fits_a_phone(browser, tmp_path):
+    report(tmp_path)
+    page = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    page.goto((tmp_path / "run" / "report.html").as_uri())
+    for summary in page.locator("summary").all():
         summary.click()
-    assert phone.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.close()
 
 
 def test_the_page_holds_obstacles_once_for_each_place(tmp_path):

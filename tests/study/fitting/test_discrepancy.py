@@ -1,5 +1,6 @@
 """τ and κ from curves whose amplitudes are known, beside a generalised least squares of its own."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -42,6 +43,15 @@ def test_the_amplitudes_of_specimens_and_their_slopes():
     assert curve.amplitudes == pytest.approx([0.02, -0.04])
     assert curve.slopes == pytest.approx([1.0, 0.5])
     assert curve.shape.residual == pytest.approx(np.zeros(16), abs=1e-6)
+
+
+def test_the_amplitudes_of_repeats_that_were_averaged():
+    """Each is that of the mean and of its own distance from the mean."""
+    parts = np.array([0.02, -0.05, 0.06])
+    mean = column("warp", [1.0], [np.log1p(parts.mean())])
+    points = replace(mean.points, scatter=np.outer(parts - parts.mean(), 2 * PLACES))
+    curve = read_curve(replace(mean, points=points))
+    assert np.expm1(curve.amplitudes) == pytest.approx(parts, abs=1e-6)
 
 
 def test_a_slack_hides_the_amplitude_of_a_straight_line_but_not_of_a_curve():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 from conftest import flat
-from support.obstacles import near
+from support.obstacles import check_slopes, near
 from support.over_step import Over
 from support.tiers import stories_except
 
@@ -36,30 +36,6 @@ SHAPES = {
 
 
 RESTS = 0.0254e-3  # below the gap, at p(s) = 0.2 g/κ with κ = 1000 Pa
-
-
-def relative_errors(system, t, x, v, of_energy, size=1e-7):
-    """Of the force against the energy, K and D against the force, by differences over `size`."""
-    rng = np.random.default_rng(1)
-    s = rng.standard_normal(x.shape)
-    speed = np.linalg.norm(v, axis=1).mean()
-
-    def at(dx=0.0, dv=0.0):
-        return fc.State(t, x + dx * s, v + dv * s)
-
-    term, errors = system.bound[0], []
-    if of_energy:
-        slope = (term.energy(at(size).x, t) - term.energy(at(-size).x, t)) / (2 * size)
-        errors.append(abs(slope / -np.vdot(system.force(at()), s) - 1))
-    for tangent, ways in (
-        (system.stiffness(at()), (at(size), at(-size), size)),
-        (system.damping(at()), (at(0, size * speed), at(0, -size * speed), size * speed)),
-    ):
-        exact = -(tangent @ s.ravel())
-        if np.linalg.norm(exact):
-            change = (system.force(ways[0]) - system.force(ways[1])).ravel() / (2 * ways[2])
-            errors.append(np.linalg.norm(change - exact) / np.linalg.norm(exact))
-    return errors
 
 
 def along(n, w):
@@ -97,9 +73,7 @@ def test_force_and_tangent_are_derivatives_of_the_energy(name, over, part, rng):
     else:
         system = system.with_history((record,))
     x = x + 1e-8 * rng.standard_normal(x.shape)
-    errors = relative_errors(system, t, x, np.zeros_like(x), of_energy=True, size=1e-9)
-    assert len(errors) == 2
-    assert max(errors) < 3e-5
+    check_slopes(system, x, t, rng, size=1e-9, limit=3e-5)
     K = system.stiffness(fc.State(t, x, np.zeros_like(x))).toarray()
     assert abs(K - K.T).max() < 1e-10 * abs(K).max()
 

@@ -251,12 +251,6 @@ def test_the_ledger_of_a_fast_obstacle_closes(name, e, method):
     assert -0.01 * work < lost < work + run.energies["total"][0]
 
 
-@pytest.mark.parametrize("value", [-0.1, 1.1, "half", True])
-def test_a_restitution_lies_between_0_and_1(value):
-    with pytest.raises(fc.InputError, match="restitution"):
-        fc.Obstacle(FLOOR, restitution=value)
-
-
 def test_an_obstacle_around_the_flat_cloth_says_nothing_of_the_membrane():
     """The cloth starts above the ball; flat, at z = 0, it would be inside of it."""
     cloth = fc.Cloth.rectangle(0.1, 0.1, 0.05)
