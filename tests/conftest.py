@@ -63,6 +63,18 @@ def rng():
     return np.random.default_rng(7)
 
 
+@pytest.fixture
+def run_command(capsys):
+    """Call ``fecloth`` with these words; it must end with `status`. What it says: `out`, `err`."""
+    from fecloth.cli.main import main
+
+    def run(*words, status=0):
+        assert main([*map(str, words)]) == status
+        return capsys.readouterr()
+
+    return run
+
+
 def flat(cloth):
     """(n, 3) positions (X, 0)."""
     return np.column_stack([cloth.X, np.zeros(len(cloth.X))])

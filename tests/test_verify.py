@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from conftest import affine
+from conftest import affine, flat
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
@@ -173,6 +173,6 @@ def test_check_integrator_returns_orders_and_checks_the_tolerance(isotropic):
 
 def test_check_term_round_off_does_not_count_as_force():
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.05)
-    rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    rest = flat(cloth)
     with pytest.raises(VerificationFailed, match="has no force"):
         check_term(fc.StVK(), cloth=cloth, states=[("rest", rest, 0 * rest)])

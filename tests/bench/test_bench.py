@@ -10,7 +10,6 @@ import fecloth as fc
 from fecloth.bench import quantities
 from fecloth.bench.cases import CASES, at_level
 from fecloth.bench.runner import bench, load_adapter, run_level
-from fecloth.cli.main import main
 from studies.engines import references
 from studies.engines.fecloth_p1 import cut_clamped, make_system
 
@@ -128,10 +127,14 @@ def test_failures_are_shown_as_failures(file, function, status, capsys, tmp_path
     assert status[:20] in (tmp_path / "out" / "table.md").read_text()
 
 
-def test_a_command_prints_lines_and_leaves_a_table_and_charts(file, tmp_path, capsys):
+def test_a_command_prints_lines_and_leaves_a_table_and_charts(file, tmp_path, run_command):
     out, two = tmp_path / "out", ["--adapter", f"{file}:exact", "--adapter", f"{file}:run"]
-    assert main(["bench", *two, "flight", "wave", "--json", "--levels", "2", "-o", str(out)]) == 0
-    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    rows = [
+        json.loads(line)
+        for line in run_command(
+            "bench", *two, "flight", "wave", "--json", "--levels", "2", "-o", out
+        ).out.splitlines()
+    ]
     of_flight = [row for row in rows if row["case"] == "flight"]
     assert [(row["adapter"], row["level"]) for row in of_flight] == [
         ("toy:exact", 0),
@@ -146,7 +149,7 @@ def test_a_command_prints_lines_and_leaves_a_table_and_charts(file, tmp_path, ca
 
 
 def test_rows_are_apart_from_what_an_adapter_prints_and_stay_when_it_is_stopped(
-    file, tmp_path, capsys
+    file, tmp_path, run_command
 ):
     (tmp_path / "beside.py").write_text(
         "import toy\n"
@@ -157,16 +160,14 @@ def test_rows_are_apart_from_what_an_adapter_prints_and_stay_when_it_is_stopped(
         "    return toy.exact(case)\n"
     )
     words = ["bench", "--adapter", str(tmp_path / "beside.py:run"), "flight", "--json"]
-    assert main([*words, "-o", str(tmp_path / "out")]) == 4
-    said = capsys.readouterr()
+    said = run_command(*words, "-o", str(tmp_path / "out"), status=4)
     assert [json.loads(line)["level"] for line in said.out.splitlines()] == [0]
     assert "step 1" in said.err
     assert (tmp_path / "out" / "table.md").read_text().count("| flight |") == 1
 
 
-def test_the_list_has_all_cases_with_what_is_known(capsys):
-    assert main(["bench", "--list"]) == 0
-    said = capsys.readouterr().out
+def test_the_list_has_all_cases_with_what_is_known(run_command):
+    said = run_command("bench", "--list").out
     assert all(f"| {name} | {CASES[name]['asks']}" in said for name in CASES)
     assert "| -613.125 ± 0.018 µm | ρ g L⁴/(8 B)" in said
 
@@ -189,12 +190,11 @@ def test_the_list_has_all_cases_with_what_is_known(capsys):
         (["--adapter", "toy.py:run", "fligth"], "did you mean 'flight'"),
     ],
 )
-def test_mistakes_are_answered(file, words, message, capsys, monkeypatch):
+def test_mistakes_are_answered(file, words, message, run_command, monkeypatch):
     monkeypatch.chdir(file.parent)
     (file.parent / "wrong.py").write_text("def run(case)\n")
     (file.parent / "ends.py").write_text("import sys\nsys.exit(3)\n")
-    assert main(["bench", *words]) == 2
-    assert message.lower() in capsys.readouterr().err.lower()
+    assert message.lower() in run_command("bench", *words, status=2).err.lower()
 
 
 # --- gradients ------------------------------------------------------------------------------------

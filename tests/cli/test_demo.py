@@ -8,9 +8,8 @@ from fecloth.cli.demo import gallery
 from fecloth.cli.main import main
 
 
-def test_it_lists_the_scenes_with_their_titles(capsys):
-    assert main(["demo"]) == 0
-    *lines, following = capsys.readouterr().out.splitlines()
+def test_it_lists_the_scenes_with_their_titles(run_command):
+    *lines, following = run_command("demo").out.splitlines()
     titles = {name: tomllib.loads(file.read_text())["title"] for name, file in gallery().items()}
     assert len(titles) > 10
     assert {line.split()[0]: line.split(maxsplit=1)[1] for line in lines} == titles

@@ -4,8 +4,6 @@ import math
 
 import pytest
 
-from fecloth.cli.main import main
-
 DRUM = """
 cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.1, pattern = "cross" }
 fabric = { areal_density = 0.2, tensile_stiffness = 10000.0, poisson_ratio = 0.3 }
@@ -25,9 +23,8 @@ def scene(tmp_path, monkeypatch):
 
 
 @pytest.mark.stories
-def test_it_prints_a_frequency_a_line(scene, capsys, tmp_path):
-    assert main(["modes", scene, "-n", "3", "-o", "shapes"]) == 0
-    printed = capsys.readouterr()
+def test_it_prints_a_frequency_a_line(scene, run_command, tmp_path):
+    printed = run_command("modes", scene, "-n", "3", "-o", "shapes")
     result = [float(line) for line in printed.out.splitlines()]
     tension = 1e4 / 0.7 * (1.01**2 - 1) / 2
     exact = [math.sqrt(tension / 0.2 * n) / 2 for n in (2, 5, 5)]
@@ -37,9 +34,8 @@ def test_it_prints_a_frequency_a_line(scene, capsys, tmp_path):
     assert len(list((tmp_path / "shapes" / "frames").glob("*.vtu"))) == 3
 
 
-def test_it_warns_of_an_unstable_start(scene, capsys):
+def test_it_warns_of_an_unstable_start(scene, run_command):
     squeezed = "start.position=['0.99 * X', '0.99 * Y', '0']"
-    assert main(["modes", scene, "-n", "2", "--quiet", "--set", squeezed]) == 0
-    printed = capsys.readouterr()
+    printed = run_command("modes", scene, "-n", "2", "--quiet", "--set", squeezed)
     assert all(float(line) < 0 for line in printed.out.splitlines())
     assert printed.err.startswith("warning: the state is unstable")

@@ -22,11 +22,13 @@ COARSE = {  # settings that make the runs short
 
 
 @pytest.fixture(params=TESTS)
-def written(request, tmp_path, monkeypatch, capsys):
+def written(request, tmp_path, monkeypatch, run_command):
     """The name of a test, in a folder with the files of a specimen."""
     monkeypatch.chdir(tmp_path)
-    assert main(["new", "cloths/my cotton.toml", "--test", request.param]) == 0
-    assert "next: fecloth run cloths/my cotton.toml" in capsys.readouterr().out
+    assert (
+        "next: fecloth run cloths/my cotton.toml"
+        in run_command("new", "cloths/my cotton.toml", "--test", request.param).out
+    )
     monkeypatch.chdir(tmp_path / "cloths")
     return request.param
 
@@ -82,19 +84,17 @@ def test_a_drape_on_its_pedestal_is_near_the_clamped_one(tmp_path, monkeypatch):
 
 
 @pytest.mark.stories
-def test_the_scene_of_a_specimen_runs(written, capsys):
+def test_the_scene_of_a_specimen_runs(written, run_command):
     changes = [word for change in COARSE[written] for word in ("--set", change)]
-    assert main(["run", "my cotton.toml", "--quiet", *changes]) == 0
-    words = capsys.readouterr().err
+    words = run_command("run", "my cotton.toml", "--quiet", *changes).err
     assert "warning" not in words
 
 
-def test_files_that_exist_are_kept(written, capsys):
+def test_files_that_exist_are_kept(written, run_command):
     data = Path("my cotton.csv")
     data.write_text("mine", encoding="utf-8")
     again = ["new", "my cotton", "--test", written]
-    assert main(again) == 2
-    assert "exists: needs --overwrite" in capsys.readouterr().err
+    assert "exists: needs --overwrite" in run_command(*again, status=2).err
     assert data.read_text(encoding="utf-8") == "mine"
     assert main([*again, "--overwrite"]) == 0
     assert table(data)[1]

@@ -141,10 +141,9 @@ def test_a_signal_at_any_moment_is_status_4_or_comes_after_the_end(scene, tmp_pa
     assert 4 in seen
 
 
-def test_a_signal_while_a_class_is_made_stops_the_command(monkeypatch, capsys):
+def test_a_signal_while_a_class_is_made_stops_the_command(monkeypatch, run_command):
     def fails(arguments):  # as Python 3.11 does
         raise RuntimeError("Error calling __set_name__") from Interrupted()
 
     monkeypatch.setattr("fecloth.cli.main._run_command", fails)
-    assert main(["info", "none.toml"]) == 4
-    assert "interrupted; run it again" in capsys.readouterr().err
+    assert "interrupted; run it again" in run_command("info", "none.toml", status=4).err

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fecloth.cli.main import main
 from fecloth.distributed.environment import SIZES, count_processes
 from fecloth.runs import restart
 
@@ -181,7 +180,9 @@ def test_the_number_of_processes_comes_from_the_environment(monkeypatch):
     assert count_processes() == 3
 
 
-def test_info_says_the_memory_of_each_process(tmp_path, capsys):
+def test_info_says_the_memory_of_each_process(tmp_path, run_command):
     scene = write(tmp_path, "hinges", "", TIME.format("auto"))
-    assert main(["info", str(scene), "--ranks", "4", "--set", "cloth.h=0.2"]) == 0
-    assert "on 4 processes (mpiexec): about 2" in capsys.readouterr().out
+    assert (
+        "on 4 processes (mpiexec): about 2"
+        in run_command("info", scene, "--ranks", "4", "--set", "cloth.h=0.2").out
+    )

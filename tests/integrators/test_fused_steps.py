@@ -127,7 +127,6 @@ def test_rows_of_a_run_are_those_of_a_run_with_more_rows(dt, pins):
         np.testing.assert_allclose(column, full.energies[name][at], rtol=0, atol=within)
 
 
-@pytest.mark.stories
 def test_what_needs_python_is_not_fused():
     wind = fc.Wind(lambda x, t: (t, 0, 1), normal=0.4)
     gusts = fc.Wind((1.0, 0, 1), normal=0.4, gusts=0.1)
@@ -143,10 +142,9 @@ def test_what_needs_python_is_not_fused():
         ([fc.StVK(), condition], FIXED),
         ([fc.StVK()], [turned]),
     ):
-        system, start = moving(terms, pins)
-        assert FusedSteps.bind(system) is None
-        few = rows_of(system, start, 1e-5, 2e-4, 2)
-        assert len(few.times) == 21
+        assert FusedSteps.bind(moving(terms, pins)[0]) is None
+    system, start = moving([fc.StVK()], [turned])
+    assert len(rows_of(system, start, 1e-5, 2e-4, 2).times) == 21
 
 
 def test_a_force_whose_class_overrides_only_add_force_is_not_fused():

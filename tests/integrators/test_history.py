@@ -117,7 +117,7 @@ def test_the_ledger_closes_with_what_slips(name, system):
     run = {"solver": "direct", "newton": TIGHT}
     alone = system.replace(terms=[fc.StVK(), fc.Gravity()])
     energies, without = (
-        fc.run(each, METHODS[name](), taut_start(each), 5e-5, STEPS * DT, **run).energies
+        fc.run(each, METHODS[name](), taut_start(each), DT / 2, STEPS * DT, **run).energies
         for each in (system, alone)
     )
     heat, least = energies["dissipated:Sliders"], abs(without["remainder"]).max()

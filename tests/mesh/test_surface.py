@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from conftest import flat
 
 import fecloth as fc
 from fecloth.mesh.surface import Surface, count_intersections
@@ -103,14 +104,14 @@ def folded(cloth, angle):
 @pytest.mark.parametrize("shift", [0.0, 1e4])
 def test_flat_sheets_anywhere_do_not_intersect(shift):
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.03)
-    x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    x = flat(cloth)
     for seed in range(5):
         assert Surface.from_cloth(cloth).count_intersections(turned(x, seed, shift)) == 0
 
 
 def test_value_of_positions_that_are_not_finite_is_none():
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-    x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    x = flat(cloth)
     assert Surface.from_cloth(cloth).count_intersections(np.where(x == 1.0, np.nan, x)) is None
 
 
@@ -121,7 +122,7 @@ def test_value_of_positions_that_are_not_finite_is_none():
 def test_triangles_turned_over_in_a_plane_are_those_of_negative_area(element):
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25, pattern="cross", element=element)
     surface = Surface.from_cloth(cloth)
-    x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    x = flat(cloth)
     assert surface.count_inverted(turned(x)) == 0
     side = 0.25 if element == "P1" else 0.125
     for centre in ((0.375, 0.375), (0.625, 0.875)):

@@ -114,6 +114,8 @@ def test_a_power_is_judged_by_its_value():
 def test_a_difference_quotient_is_good_to_5e_11():
     slopes = [difference_quotient(np.sin, t) - np.cos(t) for t in np.linspace(0.0, 3.0, 400)]
     assert np.abs(slopes).max() < 5e-11  # a step ten times larger or smaller misses this
+    one_sided = difference_quotient(np.sin, 0.7, since=0.7)  # nothing is known before
+    assert one_sided == pytest.approx(np.cos(0.7), abs=1e-9)
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

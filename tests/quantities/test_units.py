@@ -53,22 +53,27 @@ def test_units_may_be_spelt_in_several_ways(text, dimension, expected):
     assert quantity("x", text, dimension) == pytest.approx(expected, rel=1e-12)
 
 
-PARTS = {  # powers of m, kg, s and the value in SI; the degree counts as its value
-    **{"m": (1, 0, 0, 1.0), "cm": (1, 0, 0, 1e-2), "mm": (1, 0, 0, 1e-3), "um": (1, 0, 0, 1e-6)},
-    **{"km": (1, 0, 0, 1e3), "in": (1, 0, 0, INCH), "ft": (1, 0, 0, 12 * INCH)},
-    **{"yd": (1, 0, 0, 36 * INCH), "L": (3, 0, 0, 1e-3), "mL": (3, 0, 0, 1e-6)},
-    **{"s": (0, 0, 1, 1.0), "ms": (0, 0, 1, 1e-3), "us": (0, 0, 1, 1e-6)},
-    **{"min": (0, 0, 1, 60.0), "h": (0, 0, 1, 3600.0), "mph": (1, 0, -1, 63360 * INCH / 3600)},
-    **{"kg": (0, 1, 0, 1.0), "g": (0, 1, 0, 1e-3), "mg": (0, 1, 0, 1e-6)},
-    **{"oz": (0, 1, 0, POUND / 16), "deg": (0, 0, 0, math.pi / 180), "1": (0, 0, 0, 1.0)},
-    **{"rad": (0, 0, 0, 1.0)},
-    **{"N": (1, 1, -2, 1.0), "kN": (1, 1, -2, 1e3), "mN": (1, 1, -2, 1e-3)},
-    **{"uN": (1, 1, -2, 1e-6), "gf": (1, 1, -2, 1e-3 * KILOPOND), "kgf": (1, 1, -2, KILOPOND)},
-    **{"Pa": (-1, 1, -2, 1.0), "hPa": (-1, 1, -2, 1e2), "kPa": (-1, 1, -2, 1e3)},
-    **{"MPa": (-1, 1, -2, 1e6), "mPa": (-1, 1, -2, 1e-3), "bar": (-1, 1, -2, 1e5)},
-    **{"mbar": (-1, 1, -2, 1e2), "atm": (-1, 1, -2, 101325.0), "J": (2, 1, -2, 1.0)},
-    "psi": (-1, 1, -2, POUND * KILOPOND / INCH**2),
+PARTS = {  # the values in SI of units with the same powers of m, kg and s
+    (0, 0, 0): {"1": 1.0, "rad": 1.0, "deg": math.pi / 180},  # the degree counts as its value
+    (1, 0, 0): {
+        **{"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3},
+        **{"in": INCH, "ft": 12 * INCH, "yd": 36 * INCH},
+    },
+    (3, 0, 0): {"L": 1e-3, "mL": 1e-6},
+    (0, 0, 1): {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
+    (1, 0, -1): {"mph": 63360 * INCH / 3600},
+    (0, 1, 0): {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "oz": POUND / 16},
+    (1, 1, -2): {
+        **{"N": 1.0, "kN": 1e3, "mN": 1e-3, "uN": 1e-6},
+        **{"gf": 1e-3 * KILOPOND, "kgf": KILOPOND},
+    },
+    (-1, 1, -2): {
+        **{"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "mPa": 1e-3, "bar": 1e5},
+        **{"mbar": 1e2, "atm": 101325.0, "psi": POUND * KILOPOND / INCH**2},
+    },
+    (2, 1, -2): {"J": 1.0},
 }
+SIZES = {name: (*powers, size) for powers, of in PARTS.items() for name, size in of.items()}
 
 
 def taken_apart(unit):
@@ -78,7 +83,7 @@ def taken_apart(unit):
     for text, sign in ((over, 1), (under.strip("()"), -1)):
         for part in filter(None, text.split("*")):
             name, _, power = part.partition("^")
-            *dims, size = PARTS[name]
+            *dims, size = SIZES[name]
             exponent = sign * int(power or 1)
             powers = [p + exponent * d for p, d in zip(powers, dims, strict=True)]
             value *= size**exponent

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.cli.main import main
 from fecloth.runs.outcome import finished_message
 from fecloth.simulation.probes import Probe
 
@@ -151,11 +150,10 @@ def test_python_answers_what_is_asked_for(run):
     assert result.quantities["line_force.left"].unit == "N/m"
 
 
-def test_they_are_the_last_lines_of_the_terminal_and_the_first_tiles(run, tmp_path, capsys):
+def test_they_are_the_last_lines_of_the_terminal_and_the_first_tiles(run, tmp_path, run_command):
     (tmp_path / "my cloth.toml").write_text(SAG)
     change = ["--set", "fabric.areal_density=0.21"]
-    assert main(["run", "my cloth.toml", "-o", "out", *change]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = run_command("run", "my cloth.toml", "-o", "out", *change).out.splitlines()
     answers = summary_of()["quantities"]
     first = next(i for i, line in enumerate(lines) if line.startswith("reaction.rim.z "))
     assert [line.split()[0] for line in lines[first : first + 4]] == list(answers)
@@ -174,14 +172,12 @@ def test_they_are_the_last_lines_of_the_terminal_and_the_first_tiles(run, tmp_pa
     assert "linear iterations" not in page.partition("<details>")[0]
 
 
-def test_the_command_in_the_line_runs(run, tmp_path, capsys):
+def test_the_command_in_the_line_runs(run, tmp_path, run_command):
     (tmp_path / "my cloth.toml").write_text(SAG)
     change = ["--set", "cloth.h = 0.5"]
-    assert main(["run", "my cloth.toml", "-o", "out", *change]) == 0
-    printed = capsys.readouterr().out
+    printed = run_command("run", "my cloth.toml", "-o", "out", *change).out
     command = shlex.split(re.search(r"sag .*not known.*: (fecloth converge [^;]*);", printed)[1])
     assert command[:3] == ["fecloth", "converge", "my cloth.toml"]
-    assert main([*command[1:], "--levels", "3", "-o", "study"]) == 0
-    assert "sag = 0.03" in capsys.readouterr().out
+    assert "sag = 0.03" in run_command(*command[1:], "--levels", "3", "-o", "study").out
     levels = (tmp_path / "study" / "results.csv").read_text().splitlines()
     assert len(levels) == 4

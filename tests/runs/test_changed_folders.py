@@ -1,17 +1,14 @@
 """Folders of runs that are changed from outside: frames lost, folders moved, headers spoiled."""
 
-import json
 import shutil
 import signal
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.runs.recorder import Recorder
 
 SCENE = """
 cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25, pattern = "right" }
@@ -70,22 +67,3 @@ def test_a_folder_that_moves_during_a_run_is_told_and_not_made_again(scene, tmp_
     assert (tmp_path / "moved/steps.csv").is_file()
     outcome = fc.run_scene(scene, "moved", resume=True)
     assert outcome.status == "done"
-
-
-@pytest.mark.stories
-def test_a_run_killed_before_its_summary_writes_report_and_summary_at_resume(
-    scene, tmp_path, monkeypatch
-):
-    """The summary is the last file: once it is there, all is."""
-    whole = run(scene, "whole")
-    with monkeypatch.context() as patch:
-        patch.setattr(Recorder, "_report", lambda *_: pytest.exit("killed"))
-        with pytest.raises(pytest.exit.Exception):
-            run(scene, "out")
-    out = tmp_path / "out"
-    assert not (out / "summary.json").exists()
-    assert not (out / "report.html").exists()
-    assert run(scene, "out", resume=True).status == "done"
-    assert (out / "report.html").is_file()
-    assert json.loads((out / "summary.json").read_text())["steps"] == whole.summary["steps"]
-    assert np.isclose(whole.summary["t"], 0.1)

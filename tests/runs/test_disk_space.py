@@ -6,7 +6,6 @@ from collections import namedtuple
 import pytest
 
 import fecloth as fc
-from fecloth.cli.main import main
 from fecloth.runs import recorder, run_files
 
 SCENE = """
@@ -40,24 +39,31 @@ def test_frames_are_counted_before_the_run(scene, tmp_path, overrides):
     assert fc.run_scene(loaded, "out").summary["frames"] == expected
 
 
-def test_frames_beyond_the_space_on_the_disk_are_refused(scene, tmp_path, monkeypatch, capsys):
+def test_frames_beyond_the_space_on_the_disk_are_refused(scene, tmp_path, monkeypatch, run_command):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(1, 1, 10_000))
-    assert main(["run", "sheet.toml", "--set", "output.every_steps=1"]) == 2
-    assert "output: 11 frames of" in (words := capsys.readouterr().err)
+    assert "output: 11 frames of" in (
+        words := run_command("run", "sheet.toml", "--set", "output.every_steps=1", status=2).err
+    )
     assert "has 1e-05 GB left" in words
     assert not (tmp_path / "out" / "sheet").exists()
 
 
-def test_frames_and_steps_have_a_limit(scene, tmp_path, monkeypatch, capsys):
+def test_frames_and_steps_have_a_limit(scene, tmp_path, monkeypatch, run_command):
     monkeypatch.setattr(run_files, "MOST_FRAMES", 10)
-    assert main(["run", "sheet.toml", "--set", "output.every_steps=1"]) == 2
-    assert "11 frames: must be at most 10" in capsys.readouterr().err
+    assert (
+        "11 frames: must be at most 10"
+        in run_command("run", "sheet.toml", "--set", "output.every_steps=1", status=2).err
+    )
     monkeypatch.setattr(run_files, "MOST_FRAMES", 2)
     steps = ["--set", 'time.dt="auto"', "--set", "output.every_steps=1"]
-    assert main(["run", "sheet.toml", *steps]) == 3
-    assert "one frame more: must be at most 2" in capsys.readouterr().err
+    assert (
+        "one frame more: must be at most 2"
+        in run_command("run", "sheet.toml", *steps, status=3).err
+    )
     monkeypatch.setattr(run_files, "MOST_FRAMES", 10)
     monkeypatch.setattr(recorder, "MOST_STEPS", 2)
     few = ["--set", "output.frames=2"]
-    assert main(["run", "sheet.toml", *steps[:2], *few, "-o", "other"]) == 3
-    assert "step 3: must be at most 2" in capsys.readouterr().err
+    assert (
+        "step 3: must be at most 2"
+        in run_command("run", "sheet.toml", *steps[:2], *few, "-o", "other", status=3).err
+    )

@@ -22,7 +22,7 @@ where = "left"
 """
 
 
-def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
+def test_a_scene_with_quadratic_triangles(tmp_path, run_command):
     file = tmp_path / "s.toml"
     file.write_text(SCENE)
     scene = load_scene(file)
@@ -33,8 +33,10 @@ def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
     last = read_frame(frames[-1], cloth)
     assert last.t == pytest.approx(0.05)
     assert last.x[cloth.nodes("right"), 2].max() < -1e-3
-    assert main(["mesh", str(file), "-o", str(tmp_path / "flat.vtu")]) == 0
-    assert f"{len(cloth.X)} nodes, {len(cloth.triangles)} quadratic tri" in capsys.readouterr().out
+    assert (
+        f"{len(cloth.X)} nodes, {len(cloth.triangles)} quadratic tri"
+        in run_command("mesh", file, "-o", tmp_path / "flat.vtu").out
+    )
     flat = meshio.read(tmp_path / "flat.vtu")
     assert np.array_equal(flat.cells_dict["triangle6"], cloth.cells)
 

@@ -162,14 +162,13 @@ def when(condition, child):
 
 
 @pytest.mark.stories
-def test_two_runs_in_one_folder_are_refused_and_a_killed_one_is_no_obstacle(scene, capsys):
+def test_two_runs_in_one_folder_are_refused_and_a_killed_one_is_no_obstacle(scene, run_command):
     pytest.importorskip("fcntl")
     long = "--set", "time.t_end=300"
     first = process("sheet.toml", "-o", "out", *long)
     when(lambda: Path("out/restart/restart_000000005.npz").exists(), first)
     for asked in (["--resume", "out"], ["-o", "out", "--overwrite"]):
-        assert main(["run", "sheet.toml", *asked, *long]) == 2
-        error = capsys.readouterr().err
+        error = run_command("run", "sheet.toml", *asked, *long, status=2).err
         assert f"folder out: another run writes there: process {first.pid} on" in error
         assert "Wait for its end, or choose another folder" in error
     assert first.is_alive()

@@ -108,17 +108,15 @@ def test_the_schema_refuses(wrong):
 # --- fecloth info ---------------------------------------------------------------------------------
 
 
-def test_info_prints_only_the_schema(capsys):
-    assert cli.main(["info", "--schema"]) == 0
-    printed = capsys.readouterr()
+def test_info_prints_only_the_schema(run_command):
+    printed = run_command("info", "--schema")
     assert json.loads(printed.out) == json.loads(json_schema())
     assert printed.err == ""
 
 
 @pytest.mark.parametrize("name", TERM_TABLES)
-def test_info_prints_the_parameters_of_a_term(name, capsys):
-    assert cli.main(["info", "--terms", name]) == 0
-    out = capsys.readouterr().out
+def test_info_prints_the_parameters_of_a_term(name, run_command):
+    out = run_command("info", "--terms", name).out
     assert f'type = "{name}"' in out
     for key in fields(TERM_TABLES[name]):
         assert f"\n{key}: " in out

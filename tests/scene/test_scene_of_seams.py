@@ -53,6 +53,7 @@ def test_a_scene_has_the_seams_of_python(tmp_path):
     assert "SeamBending" in system.names
 
 
+@pytest.mark.stories
 @pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
 def test_a_broken_off_run_goes_on_bit_for_bit(tmp_path):
     """It is broken off while the seams close; the start of the run is not known after it."""

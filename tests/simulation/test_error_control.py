@@ -1,7 +1,8 @@
 """Steps by their error: the tolerance is what comes out, and what is too long is tried shorter."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.integrate import solve_ivp
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.nonlinear.newton import NewtonFailed
+from fecloth.simulation.within_step import LOADS, PINS, deviation_within_step
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -105,7 +107,7 @@ def test_a_step_with_too_large_an_error_is_rejected(swing):
     def push(x, v, t):
         return np.full_like(x, 1.0 if t > 0.1 else 0.0)
 
-    pushed = fc.System(system.cloth, system.fabric, [*system.terms, fc.UserForce(push)], ["left"])
+    pushed = system.replace(terms=[*system.terms, fc.UserForce(push)])
     adaptive = fc.Adaptive(fc.ImplicitMidpoint(), 1e-2)
     infos = [info for _, info in fc.march(pushed, adaptive, start, t_end=T_END)]
     rejected = [info for info in infos if info.counts.rejected]
@@ -156,6 +158,21 @@ def test_fixed_steps_land_on_them_too(swing):
 
 
 # --- what the ends of a step do not show ----------------------------------------------------------
+
+
+def test_motions_and_loads_within_a_step_deviate_from_what_its_ends_say(small, isotropic):
+    """t⁴ from its Hermite cubic by s² (1 − s)² dt⁴, a force t² m from its line by s (1 − s) dt²."""
+
+    def told(dt=0.3, **given):
+        system = fc.System(small, isotropic, **given)
+        before, after = (replace(system.rest(), t=t) for t in (0.5, 0.5 + dt))
+        return deviation_within_step(system, before, SimpleNamespace(state=after))
+
+    for power, moved in ((3, 0.0), (4, max(s**2 * (1 - s) ** 2 for s in PINS) * 0.3**4)):
+        pin = fc.Pin("left", (0, 0, f"t**{power}"))
+        assert told(terms=[], pins=[pin])[0] == pytest.approx(moved, abs=1e-15)
+    push = fc.UserForce((0, 0, "t**2"), per="mass")
+    assert told(terms=[push])[1] == pytest.approx(max(s * (1 - s) for s in LOADS) * 0.3**2)
 
 
 def quiet_sheet(motion=None, load=None):

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.resolve import choose_steps
+from fecloth.simulation.solves import Solves
 from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.simulation.step_times import ChosenSteps
 
@@ -64,6 +66,7 @@ def test_a_fixed_step_is_the_same_run_as_its_method_with_dt(system):
     assert np.array_equal(by_value.state.x, by_dt.state.x)
     assert by_value.method == by_dt.method == method
     assert len(by_dt.times) == 11
+    assert by_dt.accounts[Solves].steps == by_dt.steps == 10
 
 
 def test_a_choice_of_the_user_decides_every_step(system):
@@ -71,6 +74,30 @@ def test_a_choice_of_the_user_decides_every_step(system):
     sizes = np.diff(result.times)
     assert sizes[1:-1] == pytest.approx(1.1 * sizes[:-2])
     assert result.times[-1] == 0.2
+
+
+@dataclass(frozen=True)
+class Fails(fc.BackwardEuler):
+    """A method that fails for longer steps."""
+
+    longest: float = 0.0
+
+    def step(self, system, state, dt, solver, memory=None):
+        if dt > self.longest:
+            raise NewtonFailed("too long", 1.0, "")
+        return super().step(system, state, dt, solver, memory)
+
+
+def test_with_contact_a_step_that_fails_is_halved_and_the_next_is_twice_as_long(system):
+    floor = fc.Obstacle(fc.shapes.Plane((0, 0, -1), (0, 0, 1)))
+    touching, dt = system.replace(terms=[*system.terms, floor]), 0.016
+    steps = fc.march(touching, Fails(0.003), touching.rest(), dt, dt)
+    told = [(info.size, info.counts.rejected) for _, info in steps]
+    assert told == [(0.002, 3), *[(0.002, 1)] * 6, (0.002, 0)]  # the last one ends the run
+    least = dt / 256
+    list(fc.march(touching, Fails(1.01 * least), touching.rest(), dt, 2 * least))
+    with pytest.raises(fc.StepFailed, match="short enough"):
+        list(fc.march(touching, Fails(0.99 * least), touching.rest(), dt, 2 * least))
 
 
 def test_a_choice_without_end_times_is_refused_with_the_base_class(system):

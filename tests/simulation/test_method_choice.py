@@ -129,6 +129,9 @@ def test_the_predicted_work_is_the_work_of_the_steps(monkeypatch):
     assert trial.dt == pytest.approx(0.5 / steps, rel=0.05)
     work = ROWS * prices.row + (steps - ROWS) * prices.fused
     assert trial.work == pytest.approx(work, rel=0.05)
+    many = method_choice.try_explicit(method, system, state, np.array([500.0]))
+    count = 500 / many.dt - ROWS
+    assert many.work == pytest.approx(ROWS * prices.row + count * prices.fused, rel=1e-3)
     # where Python takes each step, each has a row
     monkeypatch.setattr(method_choice.FusedSteps, "bind", lambda system: None)
     trial = method_choice.try_explicit(method, system, state, np.array([0.5]))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import flat
 
 import fecloth as fc
 from fecloth.simulation.no_room import name_no_room
@@ -15,7 +16,7 @@ def sheets(contacts, pins):
     """Two flat sheets; the edges "lower/right", along y, and "upper/right", along x, cross."""
     piece = fc.Cloth.rectangle(0.1, 0.1, 0.05, pattern="right")
     cloth = fc.Cloth.join([piece, piece], names=["lower", "upper"])
-    x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    x = flat(cloth)
     above = cloth.nodes("upper")
     X, Y = cloth.X[above].T
     x[above] = np.column_stack([Y + 0.06, 0.17 - X, np.full(len(X), HEIGHT)])

@@ -75,6 +75,16 @@ def test_an_adaptive_step_keeps_its_size_below_a_growth_of_a_fifth(factor, kept)
     assert method._next_dt(0.01, control, error) == pytest.approx(0.01 if kept else 0.01 * factor)
 
 
+@pytest.mark.parametrize(
+    ("error", "part"),
+    [(1.01, 0.9 * 1.01**-0.5), (0.5, 0.9), (9.0, 0.3), (1e9, error_control.SHORTEST)]
+    + [(math.nan, error_control.SHORTEST)],
+)
+def test_an_attempt_with_a_large_error_is_shortened_by_it(error, part):
+    """By 0.9 e^(−1/p), at least by a tenth."""
+    assert fc.Adaptive(fc.BDF2())._shortening(error) == pytest.approx(part)
+
+
 @pytest.mark.parametrize(("growth", "limited"), [(1.04, False), (1.0625, True)])
 def test_an_explicit_step_grows_by_a_twentieth_at_most(growth, limited, system):
     """After many steps the limit is computed again; here it is `growth` times the last step."""
@@ -84,6 +94,13 @@ def test_an_explicit_step_grows_by_a_twentieth_at_most(growth, limited, system):
     old = replace(start, dt=start.dt / growth, steps=stability_limited.UPDATE_STEPS)
     new = method._update(system, state, old)
     assert new.dt == pytest.approx(old.dt * (1.05 if limited else growth), rel=1e-6)
+
+
+def test_explicit_steps_are_counted_to_the_next_limit(system):
+    method, memory = stability_limited.StabilityLimited(fc.CentralDifference()), None
+    for number in (1, 2):
+        memory = method.step(system, system.rest(), 1.0, None, memory).memory
+        assert memory.steps == number
 
 
 @pytest.mark.parametrize(("share", "doubted"), [(0.8e-3, False), (1.25e-3, True)])

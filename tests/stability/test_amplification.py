@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.one_step import generalized_alpha, newmark
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -27,20 +28,9 @@ def midpoint(w, z):
     return (1 + rates(w, z) / 2) / (1 - rates(w, z) / 2)
 
 
-def generalized_alpha(rho):
-    """Chung and Hulbert's parameters in the equations of (x, v, a), solved as a whole."""
-    am, af = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
-    return newmark(0.25 * (1 - am + af) ** 2, 0.5 - am + af, am, af)
-
-
-def newmark(beta, gamma, am=0.0, af=0.0):
-    def roots(w, z):
-        k, d = w**2, 2 * z * w
-        new = [[1, 0, -beta], [0, 1, -gamma], [(1 - af) * k, (1 - af) * d, 1 - am]]
-        old = [[1, 1, 0.5 - beta], [0, 1, 1 - gamma], [-af * k, -af * d, -am]]
-        return np.linalg.eigvals(np.linalg.solve(new, old))
-
-    return roots
+def roots_of(step):
+    """At dt = 1 s and a mass of 1 kg."""
+    return lambda w, z: np.linalg.eigvals(step(w**2, 2 * z * w, 1.0, 1.0))
 
 
 ROOTS = {  # by the name of a method, or by the method with its parameters
@@ -49,17 +39,17 @@ ROOTS = {  # by the name of a method, or by the method with its parameters
     "implicit_midpoint": midpoint,
     "energy_momentum": midpoint,
     "newmark": midpoint,
-    "generalized_alpha": generalized_alpha(0.5),
+    "generalized_alpha": roots_of(generalized_alpha(0.5)),
     "bdf2": bdf2,
     "forward_euler": lambda w, z: 1 + rates(w, z),
     "symplectic_euler": lambda w, z: np.roots([1, w**2 + 2 * z * w - 2, 1 - 2 * z * w]),
     # x'' by differences of x, and the force at v + dt a = x − x₋ + dt²/2 a₋
     "central_difference": lambda w, z: np.roots([1, w**2 + 3 * z * w - 2, 1 - 4 * z * w, z * w]),
-    fc.GeneralizedAlpha(0.0): generalized_alpha(0.0),
-    fc.GeneralizedAlpha(0.8): generalized_alpha(0.8),
-    fc.GeneralizedAlpha(1.0): generalized_alpha(1.0),
-    fc.Newmark(0.36, 0.7): newmark(0.36, 0.7),
-    fc.Newmark(0.1, 0.5): newmark(0.1, 0.5),
+    fc.GeneralizedAlpha(0.0): roots_of(generalized_alpha(0.0)),
+    fc.GeneralizedAlpha(0.8): roots_of(generalized_alpha(0.8)),
+    fc.GeneralizedAlpha(1.0): roots_of(generalized_alpha(1.0)),
+    fc.Newmark(0.36, 0.7): roots_of(newmark(0.36, 0.7)),
+    fc.Newmark(0.1, 0.5): roots_of(newmark(0.1, 0.5)),
 }
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import affine
 from scipy.linalg import eigh
+from support.one_step import newmark
 
 import fecloth as fc
 from fecloth.stability import (
@@ -42,20 +43,6 @@ def central_difference(K, D, M, dt):
 def forward_euler(K, D, M, dt):
     k, d, one = np.linalg.solve(M, K), np.linalg.solve(M, D), np.eye(len(M))
     return np.block([[one, dt * one], [-dt * k, one - dt * d]])
-
-
-def newmark(beta, gamma):
-    def step(K, D, M, dt):
-        one, nil = np.eye(len(M)), 0 * M
-        new = [[one, nil, -beta * dt**2 * one], [nil, one, -gamma * dt * one], [K, D, M]]
-        old = [
-            [one, dt * one, (0.5 - beta) * dt**2 * one],
-            [nil, one, (1 - gamma) * dt * one],
-            [nil, nil, nil],
-        ]
-        return np.linalg.solve(np.block(new), np.block(old))
-
-    return step
 
 
 STEPS = {  # the matrix of a step, as the method's definition reads, and dampings of rate and mass

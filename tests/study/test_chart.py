@@ -7,12 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.rundirs import rows_of
 from support.scene_texts import STRING
 from support.strips import scene_file
 
 import fecloth as fc
-from fecloth.cli import main as cli
 from fecloth.study.command import StudyFailed
 from fecloth.study.convergence import Convergence
 from fecloth.study.figures import MOST_GROUPS, spread
@@ -173,16 +171,3 @@ def test_errors_of_a_string_with_a_known_solution(scene, tmp_path):
 def test_models_that_are_all_refused_are_named(scene):
     with pytest.raises(StudyFailed, match="no limit was found: .*TensorCondition"):
         fc.study.chart(scene, "middle.z", ["bdf2"], ["P1"], ["TensorCondition"])
-
-
-@pytest.mark.stories
-def test_the_command(scene, tmp_path, capsys):
-    folder = tmp_path / "out"
-    words = ["--quantity", "middle.z", "--methods", "bdf2", "--elements", "P1", "-o", str(folder)]
-    assert cli.main(["chart", str(scene), *words, "--meshes", "1"]) == 0
-    rows = rows_of(folder / "results.csv")
-    assert {row["method"] for row in rows} == {"bdf2"}
-    assert (folder / "figure.png").exists()
-    printed = capsys.readouterr()
-    assert "Limit: middle.z" in printed.out
-    assert str(tmp_path) not in printed.err

@@ -9,7 +9,6 @@ from support.strips import TIP, scene_file
 from support.strips import strip as hung
 
 import fecloth as fc
-from fecloth.cli import main as cli
 from fecloth.study.overlay import Overlay
 from studies.references.closed_forms import hanging_strip_tip
 
@@ -172,10 +171,9 @@ def two_runs(tmp_path):
     return folders
 
 
-def test_the_command_overlays_two_runs(two_runs, tmp_path, capsys):
+def test_the_command_overlays_two_runs(two_runs, tmp_path, run_command):
     a, b = two_runs
-    assert cli.main(["compare", str(a), str(b), "-o", str(tmp_path / "out")]) == 0
-    assert "overlay.pvd" in capsys.readouterr().out
+    assert "overlay.pvd" in run_command("compare", a, b, "-o", tmp_path / "out").out
     frames = sorted((tmp_path / "out").glob("overlay_*.vtu"))
     first, last = meshio.read(frames[0]), meshio.read(frames[-1])
     assert len(frames) == len(sorted((a / "frames").glob("*.vtu")))
@@ -184,16 +182,3 @@ def test_the_command_overlays_two_runs(two_runs, tmp_path, capsys):
     rows = [rows_of(folder / "observed.csv")[-1] for folder in (a, b)]
     moved = float(rows[1]["middle.z"]) - float(rows[0]["middle.z"])
     assert last.point_data["difference"][middle, 2] == pytest.approx(moved, rel=0.1)
-
-
-def test_the_command(scene, tmp_path, capsys):
-    folder = tmp_path / "out"
-    arguments = ["compare", str(scene), "--variants", "terms.0.type=StVK,Springs"]
-    assert cli.main([*arguments, "-o", str(folder)]) == 0
-    out = capsys.readouterr().out
-    assert "tip.x: Springs is 0.8" in out
-    assert "first.pvd" in out
-    rows = rows_of(folder / "results.csv")
-    assert [row["variant"] for row in rows] == ["StVK", "Springs"]
-    assert (folder / "report.html").exists()
-    assert cli.main(["compare", str(scene)]) == 2

@@ -12,7 +12,6 @@ from support.strips import TIP, scene_file
 from support.strips import strip as hung
 
 import fecloth as fc
-from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.output.frame_reader import read_vtu
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
@@ -289,17 +288,6 @@ def test_report_figure_and_words(tmp_path):
     assert "\n" not in repr(result)
     assert "<table>" in result._repr_html_()
     assert isinstance(result, Convergence)
-
-
-def test_the_command(scene, tmp_path, capsys):
-    folder = tmp_path / "out"
-    arguments = ["converge", str(scene), "--quantity", "max middle.z", "--levels", "3"]
-    assert cli.main([*arguments, "-o", str(folder)]) == 0
-    out, err = capsys.readouterr()
-    assert "max middle.z = 0.0" in out
-    assert str(tmp_path) not in err
-    assert (folder / "report.html").exists()
-    assert (folder / "cache").is_dir()
 
 
 def test_import_keeps_the_threads_of_the_user():

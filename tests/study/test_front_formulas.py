@@ -262,6 +262,9 @@ def test_the_time_of_runs_from_the_store_counts(small_bench, measured):
     small_bench.run(Setting(Line()))
     assert 30.0 <= small_bench.spent < 31.0
     assert small_bench.left == pytest.approx(90.0, abs=1.0)
+    alone = replace(small_bench, runs=Runs(jobs=1))
+    alone.run(Setting(Line()))
+    assert 30.0 <= alone.spent < 31.0
     other = small_bench.with_settings(small_bench.settings)
     assert other.spent >= 30.0
     assert not other.rows

@@ -14,7 +14,6 @@ from support.singular_corners import (
 from support.strips import scene_file
 
 import fecloth as fc
-from fecloth.cli.main import main
 from fecloth.simulation.setup import Setup
 from fecloth.study.graded_meshes import choose_gradings
 
@@ -117,10 +116,11 @@ def graded_by(keys):
     return SCENE.replace("h = 0.1 ", f"h = 0.1, grading = [{{ {keys} }}] ")
 
 
-def test_the_command_grades_a_scene_and_its_gradings_go_into_the_scene(scene, tmp_path, capsys):
+def test_the_command_grades_a_scene_and_its_gradings_go_into_the_scene(
+    scene, tmp_path, run_command
+):
     arguments = ["converge", str(scene), "--grade", "--levels", "3", "-o", str(tmp_path / "out")]
-    assert main(arguments) == 0
-    printed = capsys.readouterr().out
+    printed = run_command(*arguments).out
     assert "The grading saves a factor of" in printed
     assert "Graded: point = [0.0, 0.5], distance = " in printed
     first = next(line for line in printed.splitlines() if line.startswith("Graded: "))

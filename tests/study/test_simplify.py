@@ -6,10 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.rundirs import rows_of
 
 import fecloth as fc
-from fecloth.cli import main as cli
 from fecloth.scene.scene import load_scene, scene_of
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.simulation.quantity_values import relative_difference
@@ -360,19 +358,3 @@ def test_a_scene_that_fails_itself_ends_the_study(static):
     static.write_text(STATIC.replace("tensile_stiffness = 20.0", "tensile_stiffness = 1e-6"))
     with pytest.raises(StudyFailed, match="the scene itself fails"):
         simplify(static)
-
-
-def test_the_command(static, tmp_path, capsys):
-    """Its folder has the reduced scene, the page, the rows and the figure."""
-    folder = tmp_path / "out"
-    arguments = ["simplify", str(static), "--tolerance", "0.1%", "-o", str(folder)]
-    assert cli.main(arguments) == 0
-    first = capsys.readouterr().out.splitlines()[0]
-    assert first.startswith("not resolved to 0.1 %: the error of the mesh is about")
-    rows = rows_of(folder / "results.csv")
-    assert {row["verdict"] for row in rows} >= {"needed", "not needed", "not resolved"}
-    assert all(row["status"] == "ok" for row in rows if row["verdict"] != "needed")
-    load_scene(folder / "reduced.toml").build()
-    for name in ("report.html", "figure.png", "figure.svg"):
-        assert (folder / name).stat().st_size > 1000
-    assert str(tmp_path) not in (folder / "report.html").read_text()

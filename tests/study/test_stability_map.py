@@ -1,16 +1,13 @@
 """`stability`: measured limits against known ones, ranges and ties, mistakes, the command."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
-from support.rundirs import rows_of
 from support.strips import scene_file
 
 import fecloth as fc
-from fecloth.cli import main as cli
-from fecloth.integrators import studied_by
-from fecloth.study.figures import MOST_GROUPS
 from fecloth.study.problem import StudyProblem
 from fecloth.study.stability_map import describe_best, describe_range
 from fecloth.study.stability_runs import counts_of, energy_made, list_next_runs, range_of
@@ -100,6 +97,21 @@ def test_the_steps_next_to_the_limit_are_as_close_as_growth_is_seen():
         assert listed == [math.ceil(count / part) for part in parts]
 
 
+@cache
+def problem():
+    return StudyProblem.of(sheet, h=0.5, t_end=0.2)
+
+
+def row(status, steps, seconds=1.0):
+    """A run of so many steps."""
+    of_run = {"problem": problem(), "method": "bdf2", "values": {}, "predicted": None}
+    return of_run | {"status": status, "steps": steps, "dt": 1 / steps, "cpu_seconds": seconds}
+
+
+def next_counts(rows, most_seconds=None):
+    return [run.work.steps for run in list_next_runs(rows, most_seconds)]
+
+
 @pytest.mark.parametrize(
     ("statuses", "seconds", "counts"),
     [
@@ -113,24 +125,12 @@ def test_the_steps_next_to_the_limit_are_as_close_as_growth_is_seen():
     ],
 )
 def test_shorter_and_longer_steps_run_until_both_ends_are_known(statuses, seconds, counts):
-    problem = StudyProblem.of(sheet, h=0.5, t_end=0.2)
-    row = {"problem": problem, "method": "bdf2", "values": {}, "predicted": None}
-    rows = [
-        {**row, "status": status, "steps": steps, "dt": 1 / steps, "cpu_seconds": seconds}
-        for status, steps in zip(statuses, (8, 16, 32), strict=True)
-    ]
-    listed = list_next_runs(rows, 10.0)
-    assert [run.work.steps for run in listed] == counts
+    rows = zip(statuses, (8, 16, 32), strict=True)
+    assert next_counts([row(*each, seconds) for each in rows], 10.0) == counts
 
 
 def test_a_single_step_is_the_longest():
-    problem = StudyProblem.of(sheet, h=0.5, t_end=0.2)
-    row = {"problem": problem, "method": "bdf2", "values": {}, "predicted": None, "status": "ok"}
-    counts = [
-        [run.work.steps for run in list_next_runs([row | {"steps": n, "dt": 1 / n}], None)]
-        for n in (1, 2, 3)
-    ]
-    assert counts == [[], [1], [2]]
+    assert [next_counts([row("ok", steps)]) for steps in (1, 2, 3)] == [[], [1], [2]]
 
 
 def test_runs_that_were_stopped_say_nothing(scene):
@@ -163,18 +163,3 @@ def test_energy_made():
     energies = {"kinetic": kinetic, "Gravity": gravity, "pins": np.zeros(3)}
     energies["total"] = kinetic + gravity
     assert energy_made(energies) == pytest.approx(1 / 5)  # 1 J of the 3 J + 2 J that moved
-
-
-def test_the_command(scene, tmp_path, capsys):
-    folder = tmp_path / "out"
-    wrong = ["--over", "fabric.areal_density=-1,0", "--methods", "central_difference"]
-    assert cli.main(["stability", str(scene), *wrong, "-o", str(folder)]) == 2
-    assert not folder.exists()
-    over = ["--over", "fabric.areal_density=0.2", "--methods", "central_difference"]
-    assert cli.main(["stability", str(scene), *over, "-o", str(folder)]) == 0
-    rows = rows_of(folder / "results.csv")
-    assert rows[0]["measured over predicted"] in ("0.93–1.1", "0.94–1.1")
-    assert len(rows_of(folder / "runs.csv")) == 6
-    assert (folder / "figure.png").exists()
-    assert "central_difference holds the longest step" in capsys.readouterr().out
-    assert len(studied_by("stability")) == MOST_GROUPS

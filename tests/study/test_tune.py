@@ -10,7 +10,6 @@ from support.strips import TIP, moving_strip, scene_file
 from support.strips import strip as hung
 
 import fecloth as fc
-from fecloth.cli import main as cli
 from fecloth.scene.scene import load_scene, scene_of
 from fecloth.simulation.quantity_values import relative_difference
 from fecloth.study.command import StudyFailed
@@ -146,16 +145,6 @@ def test_the_tuned_motion_takes_no_longer_than_its_budget():
 
 
 # --- the command and the report -------------------------------------------------------------------
-
-
-@pytest.mark.stories
-def test_the_command_writes_a_scene_that_runs(strip, tmp_path, capsys):
-    options = ["--elements", "P1", "-o", str(tmp_path / "out")]
-    assert cli.main(["tune", str(strip), "--tolerance", "3%", *options]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith("proved: ")
-    assert load_scene(tmp_path / "out" / "tuned.toml").interest is not None
-    assert "out/report.html" in told
 
 
 @pytest.mark.parametrize("error", [1.4, math.nan])

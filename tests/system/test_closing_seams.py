@@ -37,7 +37,7 @@ def share(s: float) -> float:
     ids=str,
 )
 def test_a_gap_closes_in_time_and_its_work_is_in_the_ledger(method):
-    dt = 1e-5 if method.traits.explicit else 1e-3
+    dt = 1e-5 if method.traits.explicit else 2e-3
     system = opened(terms=[fc.StrainRateDamping(time=0.01)])
     gap = "gap:a.right"
     result = fc.run(system, method, system.rest(), dt=dt, t_end=0.12)

@@ -6,7 +6,7 @@ from conftest import flat
 from support.tiers import MASSES, in_turn, stories_except
 
 import fecloth as fc
-from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.integrators import METHODS
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -61,35 +61,6 @@ def test_each_node_has_its_own_groups_projector(small):
     for group, slide in ((first, slides[0]), (second, slides[1])):
         at = np.searchsorted(constraints.nodes, group)
         assert (constraints.projectors[at] == slide.projector).all()
-
-
-# --- in a run -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("method", "mass"),
-    [*in_turn(ALL, MASSES), *((kind(beyond_limit=True), "lumped") for kind in EXPLICIT.values())],
-    ids=str,
-)
-def test_down_an_inclined_plane(method, mass, small, isotropic):
-    """All nodes on it: acceleration P g, velocity P g t, and the plane carries −(I − P) m g."""
-    slide = fc.Slide(lambda X: X[:, 0] > -1, normal=tuple(SLOPED), name="plane")
-    g = np.array([0.0, 0.0, -9.81])
-    system = fc.System(small, isotropic, [fc.Gravity()], [slide], mass=mass)
-    x = flat(small) @ frame_of(SLOPED)
-    result = fc.run(system, method, system.state(x), 0.01, 0.1, solver="direct", newton=TIGHT)
-    speed = 0.1 * slide.projector @ g
-    np.testing.assert_allclose(result.state.v, np.tile(speed, (len(x), 1)), atol=1e-9)
-    weight = 0.2 * small.area * g
-    reaction = [result.observed[f"reaction:plane.{c}"][-1] for c in "xyz"]
-    np.testing.assert_allclose(reaction, slide.projector @ weight - weight, rtol=1e-9)
-
-
-def frame_of(normal):
-    """(3, 3) rows: two axes across the normal, and the normal."""
-    first = np.cross(normal, [0.0, 0.0, 1.0])
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(normal, first), normal])
 
 
 @pytest.mark.parametrize(("method", "mass"), in_turn(ALL, MASSES), ids=str)

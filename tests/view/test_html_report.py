@@ -23,16 +23,20 @@ output = { every = 0.05 }
 """
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "sheet.toml").write_text(SCENE, encoding="utf-8")
+def report(folder, *more):
+    """The exit status of a run, and its report."""
+    (folder / "sheet.toml").write_text(SCENE, encoding="utf-8")
+    given = [str(folder / "sheet.toml"), "-o", str(folder / "run"), "--quiet", *more]
+    return main(["run", *given]), (folder / "run" / "report.html").read_text(encoding="utf-8")
 
-    def run(*more):
-        status = main(["run", "sheet.toml", "-o", "run", "--overwrite", "--quiet", *more])
-        return status, (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
 
-    return run
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory):
+    """The folder of a run, and its report."""
+    folder = tmp_path_factory.mktemp("report")
+    status, page = report(folder)
+    assert status == 0
+    return folder / "run", page
 
 
 def data_of(page):
@@ -45,9 +49,8 @@ def unpacked(text, low, high):
     return low + np.subtract(high, low) * shorts.reshape(-1, np.size(low)) / 65535
 
 
-def test_a_run_leaves_a_report_of_its_end(run, tmp_path):
-    status, page = run()
-    assert status == 0
+def test_a_run_leaves_a_report_of_its_end(ended):
+    folder, page = ended
     assert "a &lt;sheet&gt; &amp; its report" in page
     assert "<sheet>" not in page
     assert '<span class="status warned">done, with warnings</span>' in page
@@ -55,11 +58,11 @@ def test_a_run_leaves_a_report_of_its_end(run, tmp_path):
         assert f"<figcaption>{title}" in page
     assert "tensile_stiffness = 1000" in page
     assert 'class="note failed' not in page
-    log = (tmp_path / "run" / "run.log").read_text()
+    log = (folder / "run.log").read_text()
     assert page.count('<p class="note">') == log.count(" warning: ") + log.count(" check: ")
     data = data_of(page)
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.2)
-    last = fc.read_frame(tmp_path / "run/frames/frame_000002.vtu", cloth)
+    last = fc.read_frame(folder / "frames/frame_000002.vtu", cloth)
     low, high = np.array(data["low"]), np.array(data["high"])
     shown = unpacked(data["points"], low, high)
     assert np.abs(shown - last.x).max() < np.max(high - low) / 65535
@@ -68,9 +71,8 @@ def test_a_run_leaves_a_report_of_its_end(run, tmp_path):
     assert np.array_equal(drawn, cloth.triangles)
 
 
-def test_its_charts_have_the_names_of_the_columns(run):
-    probe = 'probes=[{ name = "tip", where = "right" }]'
-    page = run("--set", probe)[1]
+def test_its_charts_have_the_names_of_the_columns(tmp_path):
+    _, page = report(tmp_path, "--set", 'probes=[{ name = "tip", where = "right" }]')
     titles = re.findall("<figcaption>(.*?)</figcaption>", page)
     assert titles[:5] == ["tip", "mean_displacement", "sag", "area", "reaction:left"]
 
@@ -103,9 +105,9 @@ def test_labels_of_an_axis_are_inside_the_picture(size, mean, log):
     assert max(widths) < -5 - title - 2  # 2: below its line
 
 
-def test_remainder_is_shown_as_a_share_of_the_moving_energy(run, tmp_path):
-    page = run()[1]
-    ledger = np.genfromtxt(tmp_path / "run/energies.csv", delimiter=",", names=True)
+def test_remainder_is_shown_as_a_share_of_the_moving_energy(ended):
+    folder, page = ended
+    ledger = np.genfromtxt(folder / "energies.csv", delimiter=",", names=True)
     stored = np.abs(ledger["StVK"] - ledger["StVK"][0])
     moved = ledger["kinetic"] + stored + np.abs(ledger["numerical"])  # it is pinned
     assert not any(name.startswith("dissipated") for name in ledger.dtype.names)
@@ -114,39 +116,38 @@ def test_remainder_is_shown_as_a_share_of_the_moving_energy(run, tmp_path):
     assert f"<b>{left:.2g} J, {share:.2g} %</b><span>energy unexplained" in page
 
 
-def test_page_needs_no_other_files(run):
-    page = run()[1]
-    page = re.sub(r'xmlns(:xlink)?="http://www.w3.org/[^"]*"', "", page)  # names, not addresses
+def test_page_needs_no_other_files(ended):
+    page = re.sub(r'xmlns(:xlink)?="http://www.w3.org/[^"]*"', "", ended[1])  # names, not addresses
     assert not re.search(r'https?://|\bsrc=|\bhref="[^#]|@import|url\([^#]', page)
     assert "{{" not in page.split("<script")[0]
 
 
-def test_what_may_be_a_mistake_in_the_set_up_is_at_the_top(run):
+def test_what_may_be_a_mistake_in_the_set_up_is_at_the_top(ended, tmp_path):
     """A rigidity that no term uses is no warning, but the page has it."""
-    _, before = run()
-    _, page = run("--set", "fabric.bending_rigidity=1e-5")
-    assert '<p class="note">check: ' not in before
+    _, page = report(tmp_path, "--set", "fabric.bending_rigidity=1e-5")
+    assert '<p class="note">check: ' not in ended[1]
     (check,) = re.findall('<p class="note">check: (.*?)</p>', page)
     assert "bending_rigidity" in check
 
 
-def test_failures_and_warnings_are_at_the_top(run):
+def test_failures_and_warnings_are_at_the_top(tmp_path):
     stop = ["--set", "solver.max_iterations=1", "--set", "solver.tolerance=1e-9"]
-    status, page = run(*stop)
+    status, page = report(tmp_path, *stop)
     assert status == 3
     assert '<span class="status failed">failed</span>' in page
     assert page.index("did not converge") < page.index("<canvas")
 
 
-def test_strains_are_those_of_the_frames(run, tmp_path):
-    run()
-    table = read_table(tmp_path / "run" / "strains.csv")
+def test_strains_are_those_of_the_frames(ended):
+    folder, _ = ended
+    table = read_table(folder / "strains.csv")
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.2)
     for i in range(3):
-        x = fc.read_frame(tmp_path / f"run/frames/frame_{i:06d}.vtu", cloth).x
-        edges = np.stack([x[cloth.triangles[:, k]] - x[cloth.triangles[:, 0]] for k in (1, 2)], 2)
-        flat = cloth.X[cloth.triangles]
-        flat = np.stack([flat[:, k] - flat[:, 0] for k in (1, 2)], 2)
+        x = fc.read_frame(folder / f"frames/frame_{i:06d}.vtu", cloth).x
+        edges, flat = (
+            np.stack([at[cloth.triangles[:, k]] - at[cloth.triangles[:, 0]] for k in (1, 2)], 2)
+            for at in (x, cloth.X)
+        )
         stretches = np.linalg.svd(edges @ np.linalg.inv(flat), compute_uv=False)
         assert table["smallest"][i] == pytest.approx(stretches.min(), rel=1e-12)
         assert table["largest"][i] == pytest.approx(stretches.max(), rel=1e-12)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.browsers import chromium
 from support.swinging import swinging
-from test_html_report import SCENE, data_of, unpacked
+from test_html_report import data_of, report, unpacked
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -226,8 +226,7 @@ def test_it_fits_phone_and_desk(run, browser, width):
 
 @pytest.mark.stories
 def test_the_report_fits_a_phone(browser, tmp_path):
-    (tmp_path / "sheet.toml").write_text(SCENE, encoding="utf-8")
-    assert main(["run", str(tmp_path / "sheet.toml"), "-o", str(tmp_path / "run"), "--quiet"]) == 0
+    report(tmp_path)
     page = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
     page.goto((tmp_path / "run" / "report.html").as_uri())
     for summary in page.locator("summary").all():

@@ -215,8 +215,9 @@ class SelfContact:
 
     Friction sticks and slides as for `Obstacle`, with k = 100 κ A/gap of each pair. Where a node
     goes over to the next triangle, the new pair takes over the stretch of the old one, so that
-    an anchor stays at its material points. Of two layers that stick to each other and turn
-    together about their normal, the stretch keeps its direction in space.
+    an anchor stays at its material points. Two layers that stick to each other and turn together
+    feel no torque about their normal, but one against a turn about an axis in their plane: at most
+    μ λ times their distance, an error of the order of the gap.
 
     An impact leaves the part `restitution` of the speed at which two layers close, as for
     `Obstacle`.

@@ -24,8 +24,20 @@ def row(p=2.0, c=0.5):
     return {"values": values, "slopes": slopes, "times": s.tolist()}
 
 
+def mirrored():
+    """The rows of a curve that goes down."""
+    down = row()
+    down["values"][0] = [-value for value in down["values"][0]]
+    down["slopes"][0] = [[-value for value in each] for each in down["slopes"][0]]
+    return down
+
+
+def curve(rows=None, along=0, places=PLACES, shift=None):
+    return computed_curve(rows or row(), 1, along, points(places), shift)
+
+
 def test_value_and_derivatives_at_fixed_places():
-    result = computed_curve(row(), 1, 0, points(), None)
+    result = curve()
     assert result.values == pytest.approx(2 * PLACES**2, rel=1e-4)
     assert result.slopes[:, 0] == pytest.approx(PLACES**2, rel=1e-4)
     assert result.slopes[:, 1] == pytest.approx(0.0, abs=1e-4)
@@ -33,66 +45,63 @@ def test_value_and_derivatives_at_fixed_places():
 
 
 def test_along_t_the_places_are_times():
-    result = computed_curve(row(), 1, None, points(), None)
+    result = curve(along=None)
     a = 0.5 * PLACES + PLACES**3
     assert result.values == pytest.approx(2 * a**2, rel=1e-4)
     assert result.slopes[:, 1] == pytest.approx(4 * a * PLACES, rel=1e-3)
 
 
 def test_a_shift_moves_the_places():
-    result = computed_curve(row(), 1, 0, points(), 0.05)
+    result = curve(shift=0.05)
     assert result.values == pytest.approx(2 * (PLACES - 0.05) ** 2, rel=1e-4)
 
 
 def test_before_the_shift_the_specimen_is_slack():
-    result = computed_curve(row(), 1, 0, points(), 0.2)
+    result = curve(shift=0.2)
     assert result.values == pytest.approx([0.0, 2 * 0.05**2, 2 * 0.2**2], abs=1e-5)
     assert result.along_slope == pytest.approx([0.0, 4 * 0.05, 4 * 0.2], rel=1e-2)
-    down = row()
-    down["values"][0] = [-value for value in down["values"][0]]
-    result = computed_curve(down, 1, 0, points(-PLACES), -0.2)
+    result = curve(mirrored(), places=-PLACES, shift=-0.2)
     assert result.values == pytest.approx([0.0, 2 * 0.05**2, 2 * 0.2**2], abs=1e-5)
 
 
 def test_beyond_the_rows_the_curve_goes_on_straight():
-    result = computed_curve(row(), 1, 0, points(np.array([-0.1, 1.57])), None)
+    result = curve(places=np.array([-0.1, 1.57]))
     assert result.values == pytest.approx([0.0, 2 * 1.5**2 + 4 * 1.5 * 0.07], abs=2e-3)
 
 
 @pytest.mark.parametrize(("beyond", "fits"), [(0.8, True), (1.25, False)])
 def test_points_far_beyond_the_run_are_refused(beyond, fits):
-    measured = points(np.array([0.1, 1.5 * (1 + beyond * SPARE)]))
+    places = np.array([0.1, 1.5 * (1 + beyond * SPARE)])
     if fits:
-        assert len(computed_curve(row(), 1, 0, measured, None).values) == 2
+        assert len(curve(places=places).values) == 2
     else:
         with pytest.raises(InputError, match=r"is measured up to 1.59375: the run reaches 1.5"):
-            computed_curve(row(), 1, 0, measured, None)
+            curve(places=places)
 
 
 def test_a_curve_that_goes_down_is_read_backwards():
-    down = row()
-    down["values"][0] = [-value for value in down["values"][0]]
-    down["slopes"][0] = [[-value for value in each] for each in down["slopes"][0]]
-    result = computed_curve(down, 1, 0, points(-PLACES), None)
+    result = curve(mirrored(), places=-PLACES)
     assert result.values == pytest.approx(2 * PLACES**2, rel=1e-4)
 
 
 def test_rows_without_a_value_are_left_out():
+    """The curve begins at the place of s = 1/8 then, and its tangent there goes back to 0."""
     first = row()
-    first["values"][1][0] = np.nan
-    result = computed_curve(first, 1, 0, points(), None)
+    first["values"][1][:5] = 5 * [np.nan]
+    result = curve(first)
     assert result.values == pytest.approx(2 * PLACES**2, rel=1e-4)
+    assert result.start == pytest.approx(-2 * (0.5 / 8 + 1 / 8**3) ** 2, rel=1e-2)
 
 
 def test_a_curve_needs_two_rows_in_order():
     short = {key: row()[key] for key in ("values", "slopes", "times")}
     short["values"][1][1:] = 40 * [np.nan]
     with pytest.raises(InputError, match="has 1 rows with a value"):
-        computed_curve(short, 1, 0, points(), None)
+        curve(short)
     back = row()
     back["values"][0][20] = 5.0
     with pytest.raises(InputError, match="goes back"):
-        computed_curve(back, 1, 0, points(), None)
+        curve(back)
 
 
 def test_numbers_without_a_curve():

@@ -1,5 +1,6 @@
 """τ and κ from curves whose amplitudes are known, beside a generalised least squares of its own."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,6 +45,15 @@ def test_the_amplitudes_of_specimens_and_their_slopes():
     assert curve.shape.residual == pytest.approx(np.zeros(16), abs=1e-6)
 
 
+def test_the_amplitudes_of_repeats_that_were_averaged():
+    """Each is that of the mean and of its own distance from the mean."""
+    parts = np.array([0.02, -0.05, 0.06])
+    mean = column("warp", [1.0], [np.log1p(parts.mean())])
+    points = replace(mean.points, scatter=np.outer(parts - parts.mean(), 2 * PLACES))
+    curve = read_curve(replace(mean, points=points))
+    assert np.expm1(curve.amplitudes) == pytest.approx(parts, abs=1e-6)
+
+
 def test_a_slack_hides_the_amplitude_of_a_straight_line_but_not_of_a_curve():
     assert read_curve(column("warp", [1.0], [0.02], offset=True)) is not None
     straight = column("warp", [1.0], [0.02], offset=True)
@@ -70,13 +80,14 @@ def test_specimens_differ_by_the_deviation_within_each_direction():
 def test_one_specimen_a_direction_tells_only_the_sum_of_both():
     """One constant, a and −a: left out, each is off by 2 a, with the variance 2 φ²."""
     a = 0.03
-    scale = scale_of([column("0", [1.0], [a]), column("90", [1.0], [-a])])
+    columns = [column("0", [1.0], [a]), column("90", [1.0], [-a])]
+    scale = scale_of(columns)
     assert np.isnan(scale.specimens)
     assert np.isnan(scale.law)
     assert scale.both == pytest.approx(np.sqrt(2) * a, rel=0.01)
-    stated = scale_of([column("0", [1.0], [a]), column("90", [1.0], [-a])], stated=0.01)
+    stated = scale_of(columns, stated=0.01)
     assert stated.law == pytest.approx(np.sqrt(2 * a**2 - 0.01**2), rel=0.01)
-    assert scale_of([column("0", [1.0], [a]), column("90", [1.0], [-a])], stated=0.1).law == 0.0
+    assert scale_of(columns, stated=0.1).law == 0.0
 
 
 def test_the_variance_of_a_prediction_by_its_definition():

@@ -265,7 +265,9 @@ def test_a_fitted_curve_serves_a_scene_with_its_uncertainty_and_correlations(fol
     assert len(load_scene(folder / "next.toml").uncertain["correlation"]) == len(pairs) - 1
 
 
-def test_command_writes_curves_and_the_fabric_and_goes_on_from_stored_runs(folder, capsys):
+def test_command_writes_curves_and_the_fabric_and_goes_on_from_stored_runs(
+    folder, capsys, run_command
+):
     from fecloth.cli.main import main
 
     command = ["fit", str(folder / "FIT.toml"), "-o", str(folder / "out")]
@@ -276,8 +278,7 @@ def test_command_writes_curves_and_the_fabric_and_goes_on_from_stored_runs(folde
     written = {path.name for path in (folder / "out").iterdir()}
     assert {"fitted.toml", "points.csv", "report.html", "results.csv", "figure.png"} <= written
     stored = len(list((folder / "out" / "cache").iterdir()))
-    assert main(command) == 1
-    assert capsys.readouterr().out == first.out
+    assert run_command(*command, status=1).out == first.out
     assert len(list((folder / "out" / "cache").iterdir())) == stored
 
 

@@ -70,7 +70,8 @@ def test_points_beyond_the_reach_are_refused(reach, fits):
 
 
 def test_with_an_offset_the_length_of_the_curve_must_fit():
-    assert len(read(FORCES, reach=(0.0, 0.041), offset=True).values) == 3
+    for reach in ((0.0, 0.041), (0.01, 0.051)):
+        assert len(read(FORCES, reach=reach, offset=True).values) == 3
     with pytest.raises(InputError, match="is beyond"):
         read(FORCES, reach=(0.0, 0.039), offset=True)
 
@@ -88,6 +89,13 @@ def test_mean_of_repeats_and_its_uncertainty():
     assert points.values == pytest.approx(10 * places + 0.1)
     assert points.sigma == pytest.approx(3 * [0.1])
     assert points.scatter == pytest.approx(np.array([3 * [-0.1], 3 * [0.1]]))
+
+
+def test_repeats_that_are_equal_are_uncertain_by_round_off():
+    places, forces = [0.0, 0.02, 0.04], [1.0, 2.0, -4.0]
+    data = {"extension [m]": 2 * places, "force [N]": 2 * forces, "repeat": [1, 1, 1, 2, 2, 2]}
+    expected = np.full(3, 4 * np.finfo(float).eps)
+    assert read(data, sigma="repeats").sigma == pytest.approx(expected, abs=0.0)
 
 
 def test_repeats_without_a_common_part():

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from fecloth.study.fitting.evaluation import Column, Evaluation
 from fecloth.study.fitting.measured import Measured
@@ -12,13 +12,21 @@ from fecloth.study.fitting.mistakes import far_in_repeats
 from fecloth.study.fitting.statistics import LARGEST_UNCERTAINTY, WRONG_LAW, _groups, statistics
 from fecloth.study.fitting.words import mean_and_next
 
+# of a threshold
+BOTH_SIDES = pytest.mark.parametrize(("factor", "is_below"), [(0.8, True), (1.25, False)])
 
-def facts_of(J, r, scatter=None, names=None):
-    """Statistics of residuals r, in units of their uncertainty, with ∂r/∂u = J."""
-    J, r = np.array(J, dtype=float), np.array(r, dtype=float)
+
+def column_of(J, r, scatter=None):
+    """Residuals r of a curve, in units of their uncertainty, with ∂r/∂u = J."""
     points = Measured("f", "f", "N", 0 * r, 1 + 0 * r, np.arange(len(r)), scatter)
     specimen = SimpleNamespace(experiment=SimpleNamespace(fitted=True))
-    return statistics(Evaluation(np.zeros(J.shape[1]), {}, (Column(specimen, points, r, J),)))
+    return Column(specimen, points, r, J)
+
+
+def facts_of(J, r, scatter=None):
+    """Statistics of one curve."""
+    J, r = np.array(J, dtype=float), np.array(r, dtype=float)
+    return statistics(Evaluation(np.zeros(J.shape[1]), {}, (column_of(J, r, scatter),)))
 
 
 X = np.linspace(1.0, 10.0, 10)
@@ -30,7 +38,7 @@ def test_covariance_of_a_straight_line():
     expected = np.linalg.inv([[X @ X, X.sum()], [X.sum(), 10.0]])
     assert facts.covariance == pytest.approx(expected, rel=1e-9)
     assert facts.misfit == pytest.approx(10 * 0.01 / 8)
-    assert facts.quantile == pytest.approx(stats.t.ppf(0.975, 8))
+    assert facts.quantile == pytest.approx(scipy.stats.t.ppf(0.975, 8))
 
 
 def test_residuals_larger_than_sigma_widen_the_covariance():
@@ -40,14 +48,14 @@ def test_residuals_larger_than_sigma_widen_the_covariance():
     assert facts.covariance[0, 0] == pytest.approx(40 / 9 / (X @ X), rel=1e-9)
 
 
-@pytest.mark.parametrize(("factor", "told"), [(0.8, True), (1.25, False)])
-def test_threshold_of_what_is_told(factor, told):
+@BOTH_SIDES
+def test_threshold_of_what_is_told(factor, is_below):
     """A column of length s has the uncertainty 1/s."""
     J = np.zeros((10, 2))
     J[:5, 0], J[5:, 1] = 10.0, 1 / (factor * LARGEST_UNCERTAINTY) / np.sqrt(5)
     facts = facts_of(J, np.zeros(10))
-    assert facts.told.tolist() == [True, told]
-    assert facts.together == (() if told else ((1,),))
+    assert facts.told.tolist() == [True, is_below]
+    assert facts.together == (() if is_below else ((1,),))
 
 
 def test_only_the_sum_of_two_unknowns_is_told():
@@ -87,14 +95,14 @@ def test_fewer_points_than_unknowns():
     assert not facts.law_fails
 
 
-@pytest.mark.parametrize(("factor", "fails"), [(0.8, True), (1.25, False)])
-def test_threshold_of_the_law(factor, fails):
+@BOTH_SIDES
+def test_threshold_of_the_law(factor, is_below):
     """Residuals whose probability by χ² is 0.8 and 1.25 times the level."""
-    chi = stats.chi2.isf(factor * WRONG_LAW, 9)
+    chi = scipy.stats.chi2.isf(factor * WRONG_LAW, 9)
     r = np.sqrt(chi / 10) * np.ones(10)
     facts = facts_of(X[:, None], r)
     assert facts.probability == pytest.approx(factor * WRONG_LAW, rel=1e-6)
-    assert facts.law_fails == fails
+    assert facts.law_fails == is_below
 
 
 def test_covariance_from_repeats_is_the_scatter_of_their_fits():
@@ -102,25 +110,25 @@ def test_covariance_from_repeats_is_the_scatter_of_their_fits():
     slopes = np.array([-0.3, 0.1, 0.2])
     facts = facts_of(X[:, None], np.zeros(10), scatter=np.outer(slopes, X))
     assert facts.covariance[0, 0] == pytest.approx(slopes @ slopes / (3 * 2), rel=1e-9)
-    assert facts.quantile == pytest.approx(stats.t.ppf(0.975, 2))
+    assert facts.quantile == pytest.approx(scipy.stats.t.ppf(0.975, 2))
 
 
-@pytest.mark.parametrize(("factor", "told"), [(0.8, True), (1.25, False)])
-def test_repeats_that_scatter_much_do_not_tell(factor, told):
+@BOTH_SIDES
+def test_repeats_that_scatter_much_do_not_tell(factor, is_below):
     """The slopes of two repeats: ± d, so that the mean has the uncertainty d."""
     slopes = factor * LARGEST_UNCERTAINTY * np.array([-1.0, 1.0])
     facts = facts_of(X[:, None], np.zeros(10), scatter=np.outer(slopes, X))
-    assert facts.told.tolist() == [told]
+    assert facts.told.tolist() == [is_below]
 
 
-@pytest.mark.parametrize(("factor", "fails"), [(0.8, True), (1.25, False)])
-def test_threshold_of_the_law_by_repeats(factor, fails):
+@BOTH_SIDES
+def test_threshold_of_the_law_by_repeats(factor, is_below):
     """Repeats that differ in one way only: F with 1 and R − 1 degrees of freedom."""
     scatter = np.outer([-0.3, 0.1, 0.2], X)
-    mean = stats.f.isf(factor * WRONG_LAW, 1, 2)
+    mean = scipy.stats.f.isf(factor * WRONG_LAW, 1, 2)
     facts = facts_of(X[:, None], np.sqrt(mean * 9 / 10) * np.ones(10), scatter=scatter)
     assert facts.probability == pytest.approx(factor * WRONG_LAW, rel=1e-6)
-    assert facts.law_fails == fails
+    assert facts.law_fails == is_below
 
 
 def test_residuals_that_follow_each_other_count_as_fewer_points():
@@ -135,10 +143,8 @@ def test_residuals_that_follow_each_other_count_as_fewer_points():
 
 def test_the_worst_curve_tells_that_the_law_is_wrong():
     """χ² of 9 of 10 points alone, times two curves: pooled with a good curve it would be hidden."""
-    size = np.sqrt(stats.chi2.isf(0.4 * WRONG_LAW, 9.5) / 10)
-    points = Measured("f", "f", "N", 0 * X, 1 + 0 * X, X)
-    specimen = SimpleNamespace(experiment=SimpleNamespace(fitted=True))
-    columns = [Column(specimen, points, f * np.ones(10), X[:, None]) for f in (size, 0.0)]
+    size = np.sqrt(scipy.stats.chi2.isf(0.4 * WRONG_LAW, 9.5) / 10)
+    columns = [column_of(X[:, None], f * np.ones(10)) for f in (size, 0.0)]
     facts = statistics(Evaluation(np.zeros(1), {}, tuple(columns)))
     assert facts.probability == pytest.approx(0.8 * WRONG_LAW, rel=1e-6)
     assert facts.law_fails

@@ -6,11 +6,11 @@ import meshio
 import numpy as np
 import pytest
 from conftest import flat
+from support.obstacles import check_slopes
 from support.rundirs import restart_at
 from support.tiers import stories_except
 
 import fecloth as fc
-from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.runs import restart
 from fecloth.terms.step_difference import Increment, StepDifference
 
@@ -78,22 +78,9 @@ def test_force_and_tangent_are_derivatives(kind, speed, of_loads, tmp_path, rng)
     step = StepDifference.between(x, DT, t - DT)
     place = Increment(t, carried(system, x, t - DT, t) - [0, 0, 1e-4])
     over = system.over_step(replace(step, increment=place if of_loads else None))
-    along, size = rng.standard_normal(x.shape), 1e-9 if speed > 1e-3 else 1e-10
     end = x + DT * speed * rng.standard_normal(x.shape) * [1, 1, 0.01]
     end = end + carried(system, x, t - DT, t) - x
-    term, still, force = over.bound[-1].with_exact_tangent(), np.zeros_like(x), []
-    for part in (size, -size, 0.0):
-        force.append(np.zeros_like(x))
-        term.add_force(end + part * along, still, t, force[-1])
-    change = term.energy(end + size * along, t) - term.energy(end - size * along, t)
-    assert change / (2 * size) == pytest.approx(-np.vdot(force[2], along), rel=1e-5)
-    J = BlockMatrix.zeros(system.pattern)
-    term.add_tangent(end, still, t, 1.0, 0.0, J, False)
-    coupled = term.coupling(end, still, t, 1.0, 0.0, False)
-    K = J.to_scipy() if coupled is None else J.to_scipy() + coupled
-    expected = K @ along.ravel()
-    error = (force[1] - force[0]).ravel() / (2 * size) - expected
-    assert np.linalg.norm(error) < 1e-5 * np.linalg.norm(expected)
+    check_slopes(over, end, t, rng, size=1e-9 if speed > 1e-3 else 1e-10)
 
 
 @pytest.mark.parametrize("lagged", stories_except(["step", "begin", "end"], "begin"))

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 from conftest import flat
-from support.obstacles import near
+from support.obstacles import check_slopes, near
 from support.over_step import Over
 from support.tiers import stories_except
 
 import fecloth as fc
 from fecloth.terms.contact.bound_contact import Touched
+from fecloth.terms.contact.friction import Grips
 from fecloth.terms.contact.pairs import PairPlaces
 from fecloth.terms.sliders import Sliders
 from fecloth.terms.step_difference import StepDifference
@@ -36,30 +37,6 @@ SHAPES = {
 
 
 RESTS = 0.0254e-3  # below the gap, at p(s) = 0.2 g/κ with κ = 1000 Pa
-
-
-def relative_errors(system, t, x, v, of_energy, size=1e-7):
-    """Of the force against the energy, K and D against the force, by differences over `size`."""
-    rng = np.random.default_rng(1)
-    s = rng.standard_normal(x.shape)
-    speed = np.linalg.norm(v, axis=1).mean()
-
-    def at(dx=0.0, dv=0.0):
-        return fc.State(t, x + dx * s, v + dv * s)
-
-    term, errors = system.bound[0], []
-    if of_energy:
-        slope = (term.energy(at(size).x, t) - term.energy(at(-size).x, t)) / (2 * size)
-        errors.append(abs(slope / -np.vdot(system.force(at()), s) - 1))
-    for tangent, ways in (
-        (system.stiffness(at()), (at(size), at(-size), size)),
-        (system.damping(at()), (at(0, size * speed), at(0, -size * speed), size * speed)),
-    ):
-        exact = -(tangent @ s.ravel())
-        if np.linalg.norm(exact):
-            change = (system.force(ways[0]) - system.force(ways[1])).ravel() / (2 * ways[2])
-            errors.append(np.linalg.norm(change - exact) / np.linalg.norm(exact))
-    return errors
 
 
 def along(n, w):
@@ -97,11 +74,25 @@ def test_force_and_tangent_are_derivatives_of_the_energy(name, over, part, rng):
     else:
         system = system.with_history((record,))
     x = x + 1e-8 * rng.standard_normal(x.shape)
-    errors = relative_errors(system, t, x, np.zeros_like(x), of_energy=True, size=1e-9)
-    assert len(errors) == 2
-    assert max(errors) < 3e-5
+    check_slopes(system, x, t, rng, size=1e-9, limit=3e-5)
     K = system.stiffness(fc.State(t, x, np.zeros_like(x))).toarray()
     assert abs(K - K.T).max() < 1e-10 * abs(K).max()
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_friction_and_impulses_have_the_force_of_the_barrier(name):
+    """λ n of all points, and h times it, are the force on the nodes; |∇φ| of the formula is 2."""
+    cloth, t, h = fc.Cloth.rectangle(0.3, 0.2, h=0.1), 0.4, 0.007
+    obstacle = fc.Obstacle(SHAPES[name], GAP, 0.7, 200.0)
+    (term,) = fc.System(cloth, FABRIC, [obstacle]).bound
+    x = near(cloth, obstacle, t)
+    f = np.zeros_like(x)
+    for grips in term.grips(x, t):
+        grips.places.add_force(grips.push[:, None] * (grips.n @ term.rotation(t).T), f)
+    np.testing.assert_allclose(f, term.push(x, t), atol=1e-12 * abs(f).max())
+    begin, end = fc.State(t - 0.01, x, 0 * x), fc.State(t, x, 0 * x)
+    touches = term.find_touches(begin, end, h, np.zeros(len(x), bool))
+    np.testing.assert_allclose(touches.rows.T @ touches.pushed, h * f.ravel(), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -148,6 +139,55 @@ def test_a_sheet_sticks_below_the_angle_of_friction_and_slides_above_it(mu, meth
         run, downhill = slide(angle, mu, method)
         expected = 9.81 * (math.sin(angle) - mu * math.cos(angle)) * 0.3
         assert run.state.v.mean(axis=0) @ downhill == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize(("rises", "part"), [(0.0, 2.0), (1.0, 2.5)], ids=["stays", "leaves"])
+def test_the_heat_of_a_step_is_what_its_springs_do_not_store(rises, part):
+    """μN (w − e) after a way w = 3 e, of which μN e/2 stays stored where the sheet still touches.
+
+    A spring slides at the stretch e = μλ/k = μ p(s) gap/100.
+    """
+    cloth, s, mu = fc.Cloth.rectangle(0.2, 0.1, 0.05), 0.9, 0.5
+    plane = fc.Obstacle(S.Plane((0, 0, 0), UP), GAP, mu, 1e3)
+    (term,) = fc.System(cloth, FABRIC, [plane]).bound
+    x = flat(cloth) + [0, 0, s * GAP]
+    p = 2 * (s - 1) * math.log(s) + (s - 1) ** 2 / s
+    e, push = mu * p * GAP / 100, 1e3 * p * cloth.area
+    step = StepDifference.between(x, 0.01, 0.0)
+    over = term.over_step(replace(step, history=Touched(place=x, t=0.0)))
+    heat = over.dissipation(x + [0.6 * 3 * e, 0.8 * 3 * e, rises * GAP])
+    assert heat == pytest.approx(part * mu * push * e, rel=1e-9)
+
+
+def test_no_spring_slides_between_steps_and_an_impact_makes_it_stiffer_for_one_step():
+    """k = 100 κA/gap; under a force F it gives way by μF/k, but by gap/1000 at most."""
+    cloth, kappa = fc.Cloth.rectangle(0.2, 0.1, 0.05), 1e3
+    (term,) = fc.System(cloth, FABRIC, [fc.Obstacle(S.Plane((0, 0, 0), UP), GAP, 0.5, kappa)]).bound
+    x = flat(cloth) + [0, 0, 0.9 * GAP]
+    k = 100 * kappa * cloth.area / GAP
+    w = 5e-4 * GAP  # more than the stretch at which it slides
+    e = np.tile([w, 0.0, 0.0], (len(x), 1))
+    held = term.with_history(Touched(place=x, t=0.0, stretch=e)).held(0.0)
+    assert held.energy(x) == pytest.approx(0.5 * k * w**2, rel=1e-9)
+    (grips,) = term.grips(x, 0.0)
+    struck = Touched(place=x, t=0.0, forces=500 * grips.push)
+    f = np.zeros_like(x)
+    term.spring(struck, 0.0).add_force(x + e, f)
+    np.testing.assert_allclose(f[:, 0], -0.5 * 0.5 * struck.forces, rtol=1e-9)
+
+
+def test_a_stretch_turns_with_the_body_and_is_kept_in_its_frame():
+    cloth, dt = fc.Cloth.rectangle(0.2, 0.1, 0.05), 0.1
+    plane = S.Plane((0, 0, 0), UP, rotate=fc.Rotation((0.1, 0, 0), UP, "3*t"))
+    (term,) = fc.System(cloth, FABRIC, [fc.Obstacle(plane, GAP, 0.5, 1e3)]).bound
+    x = flat(cloth) + [0, 0, 0.9 * GAP]
+    e = np.tile([1e-7, 2e-7, 0.0], (len(x), 1))
+    record = Touched(place=x, t=0.0, stretch=e)
+    over = term.over_step(replace(StepDifference.between(x, dt, 0.0), history=record))
+    end = plane.pose(dt).to_space(x)
+    (springs,) = over.friction.springs
+    np.testing.assert_allclose(springs.stretch(end), e @ plane.pose(dt).R.T, atol=1e-15)
+    np.testing.assert_allclose(over.commit(end, dt).stretch, e, atol=1e-15)
 
 
 @pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -316,6 +356,28 @@ def test_no_friction_is_above_its_secant_parabola(rng):
     np.testing.assert_allclose(touching, sliders.energy(-e))  # the least such H
 
 
+@pytest.mark.parametrize(
+    ("axis", "least", "most"), [((0, 0, 1), 0.0, 0.05), ((1, 0, 0), 0.8, 1.05)]
+)
+def test_the_torque_on_two_layers_that_turn_together(axis, least, most):
+    """None about their normal; about an axis in their plane up to μ λ times their distance."""
+    pytest.importorskip("ipctk")
+    gap, mu, d = 2e-3, 0.5, 1.8e-3
+    layers = fc.Cloth.rectangle(0.1, 0.1, 0.03), fc.Cloth.rectangle(0.09, 0.09, 0.028)
+    cloth = fc.Cloth.join(list(layers), ["lower", "upper"])
+    x = np.vstack([flat(layers[0]), flat(layers[1]) + [5e-3, 5e-3, d]])
+    (term,) = fc.System(cloth, FABRIC, [fc.SelfContact(gap, mu, stiffness=1e3)]).bound
+    (grips,) = term.grips(x, 0.0)
+    record = Touched(place=x, t=0.0)
+    over = term.over_step(replace(StepDifference.between(x, 0.01, 0.0), history=record))
+    turned = x @ fc.Rotation((0, 0, 0), axis, "t").matrix(0.04, since=0.0).T
+    f = np.zeros_like(x)
+    over.friction.add_force(turned, f)
+    assert abs(f.sum(axis=0)).max() < 1e-12 * abs(f).sum()
+    torque = np.linalg.norm(np.cross(turned, f).sum(axis=0))
+    assert least <= torque / (mu * grips.push.sum() * d) <= most
+
+
 def test_a_stretch_is_handed_on_to_the_pair_of_the_same_material_points():
     """From a triangle to the one beside it; with the other sign where the parts are exchanged."""
     before = PairPlaces(sparse.csr_matrix([[1, -0.5, -0.5, 0, 0], [0, 0, 0, 0, 1.0]]))
@@ -327,6 +389,12 @@ def test_a_stretch_is_handed_on_to_the_pair_of_the_same_material_points():
     e, other = np.array([1.0, 2.0, 0.0]), np.array([0.0, 3.0, 0.0])
     handed = after.hand_on(before, np.array([e, other]))
     np.testing.assert_array_equal(handed, [e, -e, 0 * e, other])
+    n = np.tile([0.0, 0.6, 0.8], (4, 1))  # only what lies along the new surface stays
+    kinds = [Grips(before, n[:2], np.ones(2), np.ones(2))]
+    grips = Grips(after, n, np.ones(4), np.ones(4))
+    left = grips.hand_on(kinds, [np.array([e, other])])
+    np.testing.assert_allclose(left, along(n, handed), atol=1e-15)
+    assert grips.stored(left) == pytest.approx(0.5 * (left**2).sum(), rel=1e-12)
 
 
 def on_a_plane(h, velocity=0.0, mu=0.4, **plate):

@@ -8,7 +8,6 @@ import fecloth as fc
 from studies.contact import references
 
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
-STORIES = pytest.mark.stories
 
 
 def at_rest(problem, h, **more):
@@ -70,21 +69,3 @@ def test_a_radius_of_contact_fits_the_height_of_the_plate():
     highest = 100.0 * 0.1**2 / (4 * 50.0)
     radii = [references.contact_radius(0.1, 50.0, 100.0, part * highest) for part in (0.9999, 1e-6)]
     assert radii == pytest.approx([0.0, 0.1], abs=2e-3)
-
-
-@pytest.mark.stories
-@pytest.mark.parametrize("method", [fc.BackwardEuler(), pytest.param(fc.BDF2(), marks=STORIES)])
-def test_no_node_of_a_sheet_that_falls_on_a_ball_enters_it(method):
-    cloth = fc.Cloth.rectangle(0.4, 0.4, 0.05)
-    ball = fc.Obstacle(fc.shapes.Sphere((0.2, 0.2, -0.1), 0.1), gap=1e-3, friction=0.3)
-    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), fc.StrainRateDamping(time=1e-3), ball]
-    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5), terms)
-    start = system.state(system.rest().x + [0.0, 0.0, 5e-3])
-    obstacle, energy = system.bound[-1], sum(system.energies(start).values())
-    least, most = math.inf, -math.inf
-    for state, _ in fc.march(system, method, start, 0.01, 0.35):
-        least = min(least, obstacle.least_distance(state.x, state.t))
-        most = max(most, sum(system.energies(state).values()))
-    assert 0.0 < least < 1e-3
-    assert most < energy
-    assert state.x[:, 2].min() < -0.02

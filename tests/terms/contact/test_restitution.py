@@ -10,7 +10,7 @@ from conftest import flat
 from support.tiers import stories_except
 
 import fecloth as fc
-from fecloth.integrators.impacts import Places, is_impact
+from fecloth.integrators.impacts import Places, find_step, is_impact
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.doubts.terms import find_no_membrane
 from fecloth.simulation.fixed_step import FixedStep
@@ -43,6 +43,24 @@ def test_the_impulses_of_connected_places_are_those_of_least_squares(rng):
     np.testing.assert_allclose(G.T @ impulses, G.T @ expected, atol=1e-5)  # `COMPLIANCE`
     np.testing.assert_allclose(q, G.T @ impulses / m, atol=1e-8)
     assert (expected > 0).sum() > 2
+
+
+def test_a_step_towards_the_impulses_ends_where_the_slope_is_0(rng):
+    """Of places that begin and end to give way along it, by the impulses themselves."""
+    faster, closing = rng.standard_normal((2, 40))
+    gives, most = rng.uniform(0.1, 1.0, 40), rng.uniform(0.1, 2.0, 40)
+    faster[0], gives[1] = 0.0, np.inf
+
+    def slope(s):
+        change = np.clip((closing - s * faster) / gives, 0.0, most) - np.clip(
+            closing / gives, 0.0, most
+        )
+        return 0.5 * s - faster @ change
+
+    for part, expected in ((0.3, 0.0), (0.9, 0.1)):  # of the rise along the whole step
+        begin = -part * slope(1.0)
+        s = find_step(begin, 0.5, faster, closing, gives, most)
+        assert slope(s) + begin == pytest.approx(expected * slope(1.0), abs=1e-12)
 
 
 def test_a_barrier_may_push_less_but_not_more_where_nothing_strikes():
@@ -231,12 +249,6 @@ def test_the_ledger_of_a_fast_obstacle_closes(name, e, method):
     assert work > 1e-6
     assert abs(run.energies["remainder"][-1]) < 0.04 * work
     assert -0.01 * work < lost < work + run.energies["total"][0]
-
-
-@pytest.mark.parametrize("value", [-0.1, 1.1, "half", True])
-def test_a_restitution_lies_between_0_and_1(value):
-    with pytest.raises(fc.InputError, match="restitution"):
-        fc.Obstacle(FLOOR, restitution=value)
 
 
 def test_an_obstacle_around_the_flat_cloth_says_nothing_of_the_membrane():

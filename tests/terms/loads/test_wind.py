@@ -32,7 +32,7 @@ def test_hanging_sheet_in_the_wind_has_the_angle_of_the_formula(orthotropic):
         system,
         fc.BackwardEuler(),
         system.state(x),
-        0.05,
+        0.25,
         10.0,
         solver="direct",
         newton=fc.Newton(tolerance=1e-9),
