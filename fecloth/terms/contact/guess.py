@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
+
+FARTHER = (2.0, 4.0, 8.0)  # times the way of a body
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +76,9 @@ def find_guess(
 
     First, each node goes towards x until the first obstacle stops it (`_stop_nodes`). Then all
     nodes together go the part of this way on which no triangle meets anything. This second way
-    begins where a body that moves has carried the cloth, or else at the begin of the step: both
-    are tried, and at last both without a way. `hold` puts nodes back where pins hold them. None
-    means that the contacts allow none of these guesses. The result is x itself where no contact
-    limits the way.
+    begins where a body that moves has carried the cloth, or else at the begin of the step. If the
+    contacts allow neither, both follow without a way, and places farther on the way of the body;
+    then None. `hold` puts nodes back where pins hold them.
     """
     places = _stop_nodes(ways, x)
     part = min(way.free_part(places) for way in ways)
@@ -86,16 +86,17 @@ def find_guess(
         return x
     start = ways[0].start
     carried_places = [way.carried for way in ways if way.contact.supplies]
-    origins = [*carried_places, start]
-    for part_of_way, origin in product(dict.fromkeys((part, 0.0)), origins):
+    # Beside a held node the others must go farther than the body.
+    farther = [start + f * (x - start) for f in FARTHER for x in carried_places]
+    stays = [(0.0, origin) for origin in [*carried_places, start, *farther]]
+    for part_of_way, origin in [(part, each) for each in [*carried_places, start]] + stays:
         moved = places
         if part_of_way < 1.0:
             moved = origin + part_of_way * (places - origin)
         guess = hold(moved)
-        # A single contact has found `part` free from its own origin, and needs no second test if
-        # `hold` has changed nothing. Its origin is where its body has carried the cloth, if the
-        # body moves.
-        is_own_origin = origin is not start or not carried_places
+        # A contact alone has found `part` free from its own origin, where its body, if it moves,
+        # has carried the cloth.
+        is_own_origin = any(origin is own for own in carried_places or [start])
         is_free = len(ways) == 1 and is_own_origin and bool((guess == moved).all())
         if is_free or all(way.allows(guess) for way in ways):
             return guess
@@ -105,8 +106,7 @@ def find_guess(
 def _stop_nodes(ways: Sequence[Way], x: np.ndarray) -> np.ndarray:
     """Return the places (n, 3) where the first obstacle on its way to x stops each node.
 
-    A node that no obstacle stops is at x. If none is stopped, x itself is returned. The result
-    does not depend on the order of the contacts.
+    A node that no obstacle stops is at x. If none is stopped, x itself is returned.
     """
     places = x
     parts = np.ones(len(x))

@@ -210,6 +210,17 @@ def test_where_no_part_of_the_way_is_allowed_the_cloth_may_stay():
     assert guess_of(stays, stays) == [0.0, 0.0]
 
 
+def test_nodes_beside_a_held_one_may_go_farther_than_the_body():
+    class Needle(Wall):
+        supplies = True
+
+    start, carried = np.zeros((2, 3)), np.ones((2, 3))
+    needle = Needle([1.0, 1.0], free=0.5, allowed=lambda x: x[1, 0] >= 2.0)
+    way = Way(needle, carried, start, 1.0)
+    there = find_guess([way], carried + 0.1, lambda x: np.vstack([start[:1], x[1:]]))
+    assert there[:, 0].tolist() == [0.0, 2.0]
+
+
 def test_nodes_that_pins_hold_are_not_moved_by_a_guess():
     start, x = np.zeros((2, 3)), np.ones((2, 3))
 
