@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 
-FARTHER = (2.0, 4.0, 8.0)  # times the way of a body
-
 
 @dataclass(frozen=True, eq=False)
 class Way:
@@ -77,8 +75,8 @@ def find_guess(
     First, each node goes towards x until the first obstacle stops it (`_stop_nodes`). Then all
     nodes together go the part of this way on which no triangle meets anything. This second way
     begins where a body that moves has carried the cloth, or else at the begin of the step. If the
-    contacts allow neither, both follow without a way, and places farther on the way of the body;
-    then None. `hold` puts nodes back where pins hold them.
+    contacts allow neither, the body carries the cloth 1, 2 and 4 times as far. `hold` puts
+    nodes back where pins hold them.
     """
     places = _stop_nodes(ways, x)
     part = min(way.free_part(places) for way in ways)
@@ -86,18 +84,16 @@ def find_guess(
         return x
     start = ways[0].start
     carried_places = [way.carried for way in ways if way.contact.supplies]
+    tried = [places]
+    if part < 1.0:
+        tried = [origin + part * (places - origin) for origin in [*carried_places, start]]
     # Beside a held node the others must go farther than the body.
-    farther = [start + f * (x - start) for f in FARTHER for x in carried_places]
-    stays = [(0.0, origin) for origin in [*carried_places, start, *farther]]
-    for part_of_way, origin in [(part, each) for each in [*carried_places, start]] + stays:
-        moved = places
-        if part_of_way < 1.0:
-            moved = origin + part_of_way * (places - origin)
+    tried += [start + f * (x - start) for f in (1.0, 2.0, 4.0) for x in carried_places]
+    for moved in tried:
         guess = hold(moved)
-        # A contact alone has found `part` free from its own origin, where its body, if it moves,
-        # has carried the cloth.
-        is_own_origin = any(origin is own for own in carried_places or [start])
-        is_free = len(ways) == 1 and is_own_origin and bool((guess == moved).all())
+        # A contact alone has found the first one free, where its body, if it moves, has carried
+        # the cloth.
+        is_free = len(ways) == 1 and moved is tried[0] and (guess == moved).all()
         if is_free or all(way.allows(guess) for way in ways):
             return guess
     return None
