@@ -90,9 +90,7 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     # itself, with what the method remembers of it.
     h = opening.stage.wv / opening.stage.wa
     system = opening.system
-    held = np.zeros(len(new.x), bool)
-    held[system.constraints.nodes] = True
-    parts = [term.touches(opening.begin, new, h, held) for term in opening.over.bound]
+    parts = [term.touches(opening.begin, new, h) for term in opening.over.bound]
     touching = [part for part in parts if part is not None]
     if not touching:
         return Struck(new, np.zeros_like(new.v), np.zeros_like(new.v))
@@ -125,8 +123,7 @@ def after_impacts(opening: Opening, new: State) -> Struck:
     ends = np.cumsum([0 if part is None else len(part.surface) for part in parts])[:-1]
     works = tuple(float(each.sum()) for each in np.split(work, ends))
     times = np.where(strikes, opening.dt, h)  # friction acts in the next step
-    of_points = [0 if part is None else part.shares.shape[0] for part in parts]
-    forces = tuple(np.split(touches.shares @ (impulses / times), np.cumsum(of_points)[:-1]))
+    forces = tuple(np.split(impulses / times, ends))
     stroke = of_impacts = np.zeros_like(new.v)
     if strikes.any():
         stroke, of_impacts = (velocity(change(strikes * each)) for each in (impulses, beyond))

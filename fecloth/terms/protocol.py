@@ -393,11 +393,10 @@ class BoundTerm:
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for positions (n, 3) that the term does not allow."""
 
-    def touches(self, old: Any, new: Any, h: float, held: np.ndarray) -> Any:
+    def touches(self, old: Any, new: Any, h: float) -> Any:
         """The `contact.touches.Touches` at the end of a step from the `State` old to new, or None.
 
-        Its force at the end has changed the momentum by h [s] times itself. `held` (n,) says
-        which nodes pins or slides hold.
+        Its force at the end has changed the momentum by h [s] times itself.
 
         It is asked of the result of `over_step`: impulses then decide how fast they open.
         """

@@ -96,11 +96,11 @@ class BoundContact(BoundTerm):
 
     # --- what a subclass has ------------------------------------------------------------------
 
-    def find_touches(self, old: Any, new: Any, h: float, held: np.ndarray) -> Touches | None:
+    def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
         """What it touches at the end of a step of time from the `State` old to new.
 
-        Over the step the barrier has changed the momentum by h [s] times its force. `held` (n,)
-        says which nodes pins or slides hold.
+        Over the step the barrier has changed the momentum by h [s] times its force. None where
+        nothing pushes.
         """
         raise NotImplementedError
 
@@ -339,8 +339,8 @@ class ContactOverStep(BoundTerm):
             return None
         return self.settled(x, self.end)[1]
 
-    def touches(self, old: Any, new: Any, h: float, held: np.ndarray) -> Touches | None:
-        return self.contact.find_touches(old, new, h, held)
+    def touches(self, old: Any, new: Any, h: float) -> Touches | None:
+        return self.contact.find_touches(old, new, h)
 
     def energy(self, x, t) -> float:
         """The energy of the barrier, and Σ φ(e) [J]."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sparse
 
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.advance import advance, goes_through, move_out
@@ -17,7 +18,7 @@ from fecloth.terms.contact.inside import refuse_inside
 from fecloth.terms.contact.near_points import Contacts, NearPoints
 from fecloth.terms.contact.points import Points
 from fecloth.terms.contact.surfaces import Triangles, surface_of
-from fecloth.terms.contact.touches import Touches, TouchingPoints, collect
+from fecloth.terms.contact.touches import Touches, gradients
 from fecloth.terms.protocol import taken_from
 from fecloth.terms.step_difference import StepDifference
 
@@ -118,13 +119,13 @@ class BoundObstacle(BoundContact):
             work -= float(self.normal_force(contacts) @ change)  # a shape that grows: change < 0
         return work
 
-    def find_touches(self, old: Any, new: Any, h: float, held: np.ndarray) -> Touches | None:
+    def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
         kinds = [self._touching(contacts, old, new, h) for contacts in self.touching(new.x, new.t)]
-        if not kinds:
+        if not any(kind.pushed.any() for kind in kinds):
             return None
-        return collect(TouchingPoints.join(kinds), old.v, held, self.restitution)
+        return Touches.join(kinds)
 
-    def _touching(self, contacts: Contacts, old: Any, new: Any, h: float) -> TouchingPoints:
+    def _touching(self, contacts: Contacts, old: Any, new: Any, h: float) -> Touches:
         """The points of one kind that touch; see `find_touches`.
 
         At the begin of the step, points opened along the normal at that place. Those outside of
@@ -144,18 +145,19 @@ class BoundObstacle(BoundContact):
         if self.shape.deforms:
             change = contacts.s * self.gap - self.shape.distance(contacts.y, old.t)
             growth = -change / (new.t - old.t) / length
-        v_at_begin = self.shape.velocity(begins, old.t)
+        relative = contacts.points.values(old.v, numbers) - self.shape.velocity(begins, old.t)
         v = self.shape.velocity(contacts.points.values(new.x, numbers), new.t)
         nodes, weights = contacts.points.weights(numbers)
-        return TouchingPoints(
-            point=np.repeat(np.arange(len(nodes)), nodes.shape[1]),
-            node=nodes.ravel(),
-            weight=weights.ravel(),
-            n=n,
-            n_at_begin=n_at_begin,
+        of_place = np.repeat(np.arange(len(nodes)), nodes.shape[1])
+        shape = (len(nodes), len(old.x))
+        return Touches(
+            rows=gradients(
+                sparse.csr_matrix((weights.ravel(), (of_place, nodes.ravel())), shape=shape), n
+            ),
             surface=np.einsum("pi,pi->p", n, v) + growth,
-            surface_at_begin=np.einsum("pi,pi->p", n_at_begin, v_at_begin) + growth,
+            before=np.einsum("pi,pi->p", n_at_begin, relative) - growth,
             pushed=h * self.normal_force(contacts) * length,
+            restitution=np.full(len(n), self.restitution),
         )
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:

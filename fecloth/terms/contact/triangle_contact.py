@@ -19,7 +19,7 @@ from fecloth.terms.contact.inside import MOST_NAMED
 from fecloth.terms.contact.pairs import PairPlaces
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.toolkit import ContactSets
-from fecloth.terms.contact.touches import Touches, TouchingPoints, collect
+from fecloth.terms.contact.touches import Touches, gradients
 from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import CONTACT
@@ -99,27 +99,24 @@ class BoundTriangleContact(BoundContact):
     def gap(self) -> float:  # type: ignore[override]  # a field in the base, here of the sets
         return self.sets.gap
 
-    def find_touches(self, old: Any, new: Any, h: float, held: np.ndarray) -> Touches | None:
+    def find_touches(self, old: Any, new: Any, h: float) -> Touches | None:
         y = self.place(new.x, new.t)
         if not len(self.sets.at(y)):
             return None
         pairs = self.sets.touching(y)
-        weights = pairs.places.weights.tocoo()
+        if not pairs.push.any():
+            return None
+        places = pairs.places
         n = pairs.n @ self.rotation(new.t).T
         n_at_begin = pairs.n @ self.rotation(old.t).T
-        points = TouchingPoints(
-            point=weights.row,
-            node=weights.col,
-            weight=weights.data,
-            n=n,
-            n_at_begin=n_at_begin,
-            surface=self._speed_of_surface(pairs.places, n, new),
-            surface_at_begin=self._speed_of_surface(pairs.places, n_at_begin, old),
+        opened = np.einsum("mi,mi->m", n_at_begin, places.weights @ old.v)
+        return Touches(
+            rows=gradients(places.weights, n),
+            surface=self._speed_of_surface(places, n, new),
+            before=opened - self._speed_of_surface(places, n_at_begin, old),
             pushed=h * pairs.push,
+            restitution=np.full(len(n), self.restitution),
         )
-        # Collected in nodes, the pairs of a cloth with itself would not keep its momentum.
-        stays = held if len(self.sets.fixed) else np.ones(len(y), bool)
-        return collect(points, old.v, stays, self.restitution)
 
     def _speed_of_surface(self, places: PairPlaces, n: np.ndarray, state: Any) -> np.ndarray:
         """Speeds (m,) of the fixed mesh along the normals n (m, 3) at a `State` [m/s]."""

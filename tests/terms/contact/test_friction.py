@@ -91,7 +91,7 @@ def test_friction_and_impulses_have_the_force_of_the_barrier(name):
         grips.places.add_force(grips.push[:, None] * (grips.n @ term.rotation(t).T), f)
     np.testing.assert_allclose(f, term.push(x, t), atol=1e-12 * abs(f).max())
     begin, end = fc.State(t - 0.01, x, 0 * x), fc.State(t, x, 0 * x)
-    touches = term.find_touches(begin, end, h, np.zeros(len(x), bool))
+    touches = term.find_touches(begin, end, h)
     np.testing.assert_allclose(touches.rows.T @ touches.pushed, h * f.ravel(), atol=1e-12)
 
 
