@@ -36,6 +36,12 @@ SLIDING_MARGIN = 1e-9
 
 After a step s is s_y up to round-off, and the slider sticks.
 """
+FAR = 4.0
+"""Where the tangent takes the place of the secant, over s_y.
+
+Newton iterations of a curtain in wind, and of a sheet that begins to slip, with 2, 4 and the
+secant alone: 466, 348, 264 and 177, 202, 963; with the tangent alone 762 and 165.
+"""
 TINY = np.finfo(float).tiny
 
 
@@ -124,14 +130,18 @@ class Sliders:
         return self.moments[:, :, None] * H * self.moments[:, None, :]
 
     def secant(self, e: np.ndarray) -> np.ndarray:
-        """(m, 3, 3) M²/max(s, s_y) [N m]: φ lies below the parabola with this curvature.
+        """(m, 3, 3) M²/max(s, s_y) [N m], or the tangent where s is above `FAR` times s_y.
 
-        So Newton's iteration does not leap to and fro between sliding and sticking (Hunter and
-        Lange 2004, A Tutorial on MM Algorithms, Am. Stat. 58(1)).
+        φ lies below the parabola with this curvature, so that Newton's iteration does not leap
+        to and fro between sliding and sticking (Hunter and Lange 2004, A Tutorial on MM
+        Algorithms, Am. Stat. 58(1)). It is slow where a slider goes far: there the tangent is fast.
         """
-        larger = np.maximum(np.maximum(self._stretch(e)[1], self.limit), TINY)
-        H: np.ndarray = (self.moments**2 / larger[:, None])[:, :, None] * np.eye(3)
-        return H
+        _, s = self._stretch(e)
+        larger = np.maximum(np.maximum(s, self.limit), TINY)
+        H = (self.moments**2 / larger[:, None])[:, :, None] * np.eye(3)
+        is_far = s > FAR * self.limit
+        tangents: np.ndarray = np.where(is_far[:, None, None], self.tangent(e), H)
+        return tangents
 
     def left(self, e: np.ndarray) -> np.ndarray:
         """(m, 3) e after the sliders have slid, s = s_y where it was above [1/m]."""

@@ -47,7 +47,7 @@ def run(folder, *options):
 
 def resume(*options):
     """Go on with the run in the folder "out"."""
-    resume(*options)
+    assert main(["run", "sheet.toml", "--resume", "out", "--quiet", *options]) == 0
 
 
 def run_and_read(capsys, *arguments):

@@ -340,8 +340,11 @@ def test_a_patch_sticks_to_a_mesh_and_to_another_piece(kind, tmp_path):
 
 def test_no_friction_is_above_its_secant_parabola(rng):
     """φ(e') ≤ φ(e) + φ'·(e' − e) + (e' − e)·H (e' − e)/2, with the energy's own slope."""
-    sliders = Sliders.of_contact(rng.uniform(0.5, 2.0, 200), rng.uniform(0.5, 2.0, 200))
-    e, other = rng.standard_normal((2, 200, 3)) * rng.uniform(0.1, 5.0, (2, 200, 1))
+    sliders = Sliders.of_contact(rng.uniform(1.0, 2.0, 200), rng.uniform(0.5, 1.0, 200))
+    e, other = rng.standard_normal((2, 200, 3))
+    knee = sliders.limit[:, None] / sliders.moments  # |e| at s_y
+    np.testing.assert_allclose(sliders.secant(5 * knee), sliders.tangent(5 * knee))
+    e *= rng.uniform(0.1, 3.9, (200, 1)) * knee / np.linalg.norm(e, axis=1)[:, None]
     way = other - e
     H = sliders.secant(e)
     parabola = sliders.energy(e) + np.einsum("mi,mi->m", sliders.moment(e), way)

@@ -239,7 +239,7 @@ def test_the_ledger_of_a_fast_obstacle_closes(name, e, method):
     terms = [fc.StVK(), fc.PlateBending(), fc.Obstacle(MOVED[name], GAP, restitution=e)]
     system = fc.System(cloth, FABRIC, terms)
     run = fc.run(
-        system, method, system.rest(), dt=1e-3, t_end=0.02, newton=fc.Newton(tolerance=1e-11)
+        system, method, system.rest(), dt=5e-4, t_end=0.02, newton=fc.Newton(tolerance=1e-11)
     )
     work = run.energies["work:Obstacle"][-1]
     lost = run.energies["numerical"][-1] + run.energies["impacts"][-1]
