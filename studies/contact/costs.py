@@ -1,7 +1,7 @@
 """What does a second of motion with contact cost at an error of 1 %?
 
-The step of BDF2 is halved from 10 ms on, until the distance to the run with half of the step is
-at most 1 % of the way.
+The step of BDF2 is halved from 10 ms on, until the distance to the run with half of it is at most
+1 % of the way.
 
     python -m studies.contact.costs [--quick] [--triangles 500 2000 8000]
 """
