@@ -666,7 +666,7 @@ class System:
 
     @cached_property
     def factor_of_mass(self) -> Any:
-        """The factor of `free_mass`."""
+        """The factor of `free_mass`: its `solve` is b ↦ mass⁻¹ b. Copies over a step share it."""
         return splu(self.free_mass)
 
     @property

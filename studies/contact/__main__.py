@@ -25,7 +25,9 @@ COVERED = 0.8  # part of the exact values within value ± U
 
 def refine(known: references.Known, by: str, levels: int) -> dict:
     """A row: the figure on the finest level, its ±, the order, and the exact value."""
-    h = known.fine or known.h if by == "dt" else known.h
+    h = known.h
+    if by == "dt" and known.fine is not None:
+        h = known.fine
     sizes = {"h": h} | ({"dt": known.dt, "t_end": known.t_end} if known.dt else {})
     if by == "gap":
         gaps = [4 * known.gap, 2 * known.gap, known.gap]

@@ -177,7 +177,7 @@ def test_the_energy_of_a_cloth_at_rest_is_that_of_a_millionth_of_its_extent(syst
 
 
 def test_round_off_causes_no_energy_warning(system):
-    """2e-27 J of a sheet at rest are those of its last digits; 2e-12 J are not."""
+    """A remainder of 2e-27 J of a sheet at rest is round-off; a remainder of 2e-12 J is not."""
     for off, told in ((2e-27, False), (2e-12, True)):
         assert is_off(system, ledger(system, kinetic=off)) == told
     assert not is_off(system, ledger(system))

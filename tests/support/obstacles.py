@@ -33,7 +33,7 @@ def two_layers(gap, h=0.1, element="P1", size=0.3):
 
 
 def check_slopes(system, x, t, rng, size=1e-6, limit=1e-5):
-    """The last term's force is that of its energy, its tangent that of its force.
+    """The force of the last term is the slope of its energy, the tangent the slope of the force.
 
     By differences over `size`, which is small against the way to where a pair begins or ends.
     """

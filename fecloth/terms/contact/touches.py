@@ -55,10 +55,9 @@ def gradients(weights: sparse.csr_matrix, n: np.ndarray) -> sparse.csr_matrix:
 
     `weights` (m, nodes) are the parts w_ai that the nodes have in the motion of the places.
     """
-    entries = weights.tocoo()
-    columns = 3 * entries.col[:, None] + np.arange(3)
-    values = entries.data[:, None] * n[entries.row]
-    shape = (len(n), 3 * weights.shape[1])
-    return sparse.csr_matrix(
-        (values.ravel(), (np.repeat(entries.row, 3), columns.ravel())), shape=shape
-    )
+    parts = weights.tocoo()
+    along_normals = parts.data[:, None] * n[parts.row]
+    rows = np.repeat(parts.row, 3)
+    columns = 3 * parts.col[:, None] + np.arange(3)
+    entries = along_normals.ravel(), (rows, columns.ravel())
+    return sparse.csr_matrix(entries, shape=(len(n), 3 * weights.shape[1]))

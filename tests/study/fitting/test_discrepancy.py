@@ -46,7 +46,7 @@ def test_the_amplitudes_of_specimens_and_their_slopes():
 
 
 def test_the_amplitudes_of_repeats_that_were_averaged():
-    """Each is that of the mean and of its own distance from the mean."""
+    """The amplitude of a repeat is the amplitude of the mean plus its own distance from it."""
     parts = np.array([0.02, -0.05, 0.06])
     mean = column("warp", [1.0], [np.log1p(parts.mean())])
     points = replace(mean.points, scatter=np.outer(parts - parts.mean(), 2 * PLACES))
